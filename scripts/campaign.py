@@ -19,9 +19,9 @@ from random_machines.checks import check, check_alone, check_branches, check_orb
 from random_machines.machines import draw_numbers, draw_shape
 
 # Machines of a round whose orbits are searched for.
-ORBITS = 16
-# Branches that are followed in every eighth round, as their programs take longest to compile.
-BRANCHES = 4
+ORBITS = 64
+# Branches that are followed in every fourth round, as their programs take longest to compile.
+BRANCHES = 32
 
 
 def play(number: int, machines: int, most_masses: int) -> dict:
@@ -35,8 +35,9 @@ def play(number: int, machines: int, most_masses: int) -> dict:
         failures += check_alone(shape, numbers, [int(rng.integers(machines))])
     orbits = settled_orbits(shape, numbers, list(range(min(machines, ORBITS))))
     failures += check_orbits(shape, numbers, orbits)
-    branches = dict(list(orbits.items())[:BRANCHES]) if number % 8 == 7 else {}
-    failures += check_branches(shape, numbers, branches)
+    branches = dict(list(orbits.items())[:BRANCHES]) if number % 4 == 3 else {}
+    found, points = check_branches(shape, numbers, branches)
+    failures += found
     return {
         "round": number,
         "shape": shape._asdict(),
@@ -45,6 +46,7 @@ def play(number: int, machines: int, most_masses: int) -> dict:
         "compared": compared,
         "orbits": len(orbits),
         "branches": len(branches),
+        "points": points,
         "failures": [failure._asdict() for failure in failures],
         "cpu_seconds": round(time.process_time() - start, 1),
     }
@@ -53,12 +55,12 @@ def play(number: int, machines: int, most_masses: int) -> dict:
 def summary(lines: list[dict]) -> str:
     """The tally in words."""
     kinds = Counter(failure["check"] for line in lines for failure in line["failures"])
-    counted = "machines", "runs", "compared", "orbits", "branches", "cpu_seconds"
+    counted = "machines", "runs", "compared", "orbits", "branches", "points", "cpu_seconds"
     total = {key: sum(line.get(key, 0) for line in lines) for key in counted}
     found = ", ".join(f"{kind}: {count}" for kind, count in kinds.most_common()) or "none"
     return (
         f"{len(lines)} shapes, {total['machines']} machines, {total['runs']} runs, {total['compared']} compared motions, "
-        f"{total['orbits']} orbits, {total['branches']} branches, {total['cpu_seconds'] / 3600:.2f} CPU hours; failures: {found}"
+        f"{total['orbits']} orbits, {total['branches']} branches of {total['points']} points, {total['cpu_seconds'] / 3600:.2f} CPU hours; failures: {found}"
     )
 
 

@@ -143,9 +143,9 @@ def check_orbits(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> 
     return [Failure(name, k, excess) for k, o in orbits.items() for name, excess in _faults(shape, a, k, o)]
 
 
-def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> list[Failure]:
-    """Branches over the frequency through the orbits of some lanes, followed again from another point."""
-    failures = []
+def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> tuple[list[Failure], int]:
+    """Branches over the frequency through the orbits of some lanes, followed again from another point; and their points."""
+    failures, points = [], 0
     for k, orbit in orbits.items():
         frequency = float(a["frequency"][k])
         bounds = (1 - AROUND) * frequency, (1 + AROUND) * frequency
@@ -153,6 +153,7 @@ def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -
             vx.continuation, path="forcing.frequency", bounds=bounds, max_points=POINTS, progress=False
         )
         one = follow(orbit)
+        points += len(one)
         for row in {0, len(one) // 3, len(one) - 1}:
             own, is_plain = one.orbit(row), one.points["bifurcation"].values[row] == ""
             if is_plain and bool(own.is_admissible) and abs(complex(own.multipliers[0])) < UNSTABLE:
@@ -163,13 +164,14 @@ def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -
         if one.ends != whole:
             continue
         other = follow(one.orbit(len(one) // 3))
+        points += len(other)
         places, again = (np.sort([point.value for point in b.bifurcations]) for b in (one, other))
         if other.ends != whole or len(places) != len(again):
             failures.append(Failure("branch: other bifurcations from another point", k, 1.0))
         elif len(places) and np.abs(places - again).max() > 1e-8 * frequency:
             away = float(np.abs(places - again).max() / (1e-8 * frequency))
             failures.append(Failure("branch: places of bifurcations", k, away))
-    return failures
+    return failures, points
 
 
 def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.PeriodicOrbit]:

@@ -77,6 +77,21 @@ def test_it_ends_on_its_bounds(doubled):
 
 
 @pytest.mark.slow
+def test_a_branch_begun_at_a_bifurcation_has_this_and_all_others(doubled):
+    for start in doubled.bifurcations:
+        branch = follow(start.orbit, AMPLITUDE, 0.1, 0.5)
+        assert branch.ends == doubled.ends
+        assert kinds_and_values(branch) == kinds_and_values(doubled)
+        # One of its own, now given with the rounding errors of the last.
+        (again,) = [point for point in branch.bifurcations if point.kind == start.kind]
+        assert kinds_and_values(follow(again.orbit, AMPLITUDE, 0.1, 0.5)) == kinds_and_values(doubled)
+
+
+def kinds_and_values(branch):
+    found = sorted((point.kind, point.value) for point in branch.bifurcations)
+    return [(kind, pytest.approx(value, abs=1e-10)) for kind, value in found]
+
+
 def test_a_doubled_branch_ends_where_it_began(doubled):
     (point,) = points_of(doubled, "pd")
     (orbit,) = vx.switch_branch(point)
@@ -325,6 +340,8 @@ def test_case_a_through_all_its_changes():
     branch = follow(orbit, FREQUENCY, 0.4, 2.0)
     assert branch.ends == ("bounds", "bounds")
     assert bool(branch.points.is_admissible.all())
+    for start in branch.bifurcations:
+        assert kinds_and_values(follow(start.orbit, FREQUENCY, 0.4, 2.0)) == kinds_and_values(branch)
     known = [("double_impact", 0.92412181968), ("fold", 0.97629345465), ("gr", 0.88866279078)]
     found = [(point.kind, point.value) for point in branch.bifurcations]
     start = next(k for k, (_, value) in enumerate(found) if abs(value - known[0][1]) < 1e-9)

@@ -238,6 +238,19 @@ def test_a_start_past_the_stop_by_one_rounding_is_taken_as_on_it():
         run(t1=0.1, x0=np.array([0.3 + 1e-13]), v0=np.array([-1.0]))
 
 
+@pytest.mark.parametrize("row", [0, {0: 1.0, 1: -1.0}])
+def test_a_run_goes_on_from_masses_at_rest_on_a_stop_at_zero(row):
+    """What rounding left of their motion is far below the smallest length of the machine."""
+    rubbing = vx.Friction(row, 1.5)
+    stops, load = [vx.Stop(0, 0.0, "lower", 0.0)], vx.Harmonic([0.3, 0.0], 0.6)
+    system = vx.ImpactSystem([1.0, 1.0], np.eye(2), np.eye(2), load, stops, friction=[rubbing])
+    run = lambda x: vx.simulate(system, 0.0, 5.0, [x, 0.0], ts=[5.0], max_events=64).x1  # noqa: E731
+    np.testing.assert_allclose(run(-1e-84), run(0.0), rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(jax.jit(run)(-1e-84), run(-1e-84))
+    with pytest.raises(ValueError, match="beyond a stop"):
+        run(-1e-13)
+
+
 @jax.jit
 def end_state(t1, x, save):
     return vx.simulate(ONE, 0.0, t1, x[None], ts=save[None]).x1

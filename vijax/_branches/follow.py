@@ -37,7 +37,7 @@ from .sequence_switching import (
     with_simulated_bounces,
 )
 from .steps import PROBE, SHORTEST, PlainSteps, Tried
-from .test_functions import TestFunction, crossings, tests_of, without_echoes
+from .test_functions import TestFunction, crossings, kind_at, tests_of, without_echoes
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
 # Longest step on which several events are accepted; a longer one is halved to separate them.
@@ -49,6 +49,9 @@ _ON_BOUND = 1e-8
 # _NEAR: largest distance between a given orbit and its corrected cycle.
 # _AT: largest distance between their scaled parameters.
 _NEAR, _AT = 1e-3, 1e-9
+# _ROUNDED: size of a test function below which a given orbit lies on the event.
+# _FALLING: its least rate along the branch there; it does not only touch zero.
+_ROUNDED, _FALLING = 1e-12, 1e-6
 # Most points of a walk back to where a stick vanishes.
 _MOST_BACK = 100
 
@@ -81,7 +84,7 @@ def follow_branch(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
 
 def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
     walk.rounds = yield from repetitions_of(start.sequence, start.place, walk.num_periods)
-    point, ds = start, PROBE
+    point, ds = (yield from _behind_event_at_start(walk, start)), PROBE
     while not walk.is_full:
         point, ds, tried = yield PlainSteps(walk, start, point, ds)
         if walk.is_full:
@@ -101,6 +104,15 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
         if _has_lost_stick(step.confirmed, point):  # the branch ends between the two
             point = step.confirmed
     walk.end = End.MAX_POINTS
+
+
+def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+    """The start, or the point behind its event: given orbits may lie on one, where a test function is rounding and falls."""
+    for test in tests_of(start.sequence):
+        if test.rate and abs(test.of(start.seen)) < _ROUNDED and test.rate(start.seen) < -_FALLING:
+            event = start._replace(kind=kind_at(test, start.sequence, start.seen))
+            return (yield from _continue_behind_event(walk, test, event))
+    return start
 
 
 def _has_lost_stick(confirmed: BranchPoint, point: BranchPoint) -> bool:
@@ -216,10 +228,10 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | No
         if not confirmed.is_admissible:
             return None
     event, last = yield from first_event(point, new, met)
-    special = yield from special_points(walk, point, last)
-    if special is None and ds > _SEPARATE:
+    special, is_whole = yield from special_points(walk, point, last)
+    if not is_whole and ds > _SEPARATE:
         return None
-    return Step(last, confirmed, followed, event, special or [], tried.next_length)
+    return Step(last, confirmed, followed, event, special, tried.next_length)
 
 
 def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:

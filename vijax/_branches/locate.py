@@ -96,7 +96,7 @@ def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:
 
 
 def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -> KernelRequests:
-    """Bifurcations on a step, in order; None if the number of unstable multipliers implies more than are found."""
+    """Bifurcations on a step, in order, and whether the number of unstable multipliers implies no more of them."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
     for test in TESTS_OF_NEIGHBOURS:
@@ -113,9 +113,8 @@ def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -
             at = (yield from end_of_doubled(walk.num_periods, at)) or at
         change += {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}.get(at.kind, 1)
         found.append(at)
-    if (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2:
-        return None
-    return sorted(found, key=lambda at: at.arc)
+    is_whole = (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2 == 0
+    return sorted(found, key=lambda at: at.arc), bool(is_whole)
 
 
 def _passes_infinity(before: complex, after: complex) -> bool:

@@ -54,8 +54,9 @@ class BranchPoint(NamedTuple):
 
     def turned(self) -> "BranchPoint":
         """The point with the opposite tangent."""
-        found = self.seen.found
-        return self._replace(seen=self.seen._replace(found=found._replace(tangent=found.tangent.turned())))
+        found, rates = self.seen.found, type(self.seen.rates)(*(-rate for rate in self.seen.rates))
+        found = found._replace(tangent=found.tangent.turned())
+        return self._replace(seen=self.seen._replace(found=found, rates=rates))
 
 
 class PlainPoint(NamedTuple):

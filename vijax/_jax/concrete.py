@@ -97,4 +97,4 @@ def check_values(tree: T) -> T:
     """Values for checks: no derivatives, NumPy where concrete. Compiles nothing where `grad` alone traces them."""
     # `stop_gradients` of a concrete array would be staged under `jit`.
     still = jax.tree.map(lambda a: stop_gradients(a) if is_tracer(a) else a, tree)
-    return jax.tree.map(lambda a: a if (known := concrete(a)) is None else known, still)
+    return jax.tree.map(lambda a: a if callable(a) or (known := concrete(a)) is None else known, still)

@@ -75,9 +75,7 @@ def find_periodic_orbits(
     known = known_machine(system, args)
     t1 = np.asarray(2 * np.pi * n / known.system.forcing.frequency, states.dtype)
     for state in states:
-        validate_start(
-            known.system.stops, known.system.forcing.frequency, 0 * t1, t1, t1[None], *np.split(state, 2)
-        )
+        validate_start(known.system, 0 * t1, t1, t1[None], *np.split(state, 2))
     numbers, motion = known.numbers, known.flow(flow, can_stick=True)
     strobe = StroboscopicMap(
         numbers, motion, np.asarray(float(n), states.dtype), np.zeros((), states.dtype), room

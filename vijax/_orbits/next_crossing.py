@@ -106,7 +106,7 @@ def next_crossing(
     for (name, shape), value in zip(shapes.items(), (begin, end, place, x, v), strict=True):
         check_shape(name, value, shape)
     check_one("position", place, FINITE)
-    doubts = validate_start(bound.stops, bound.forcing.frequency, begin, end, end[None], x, v)
+    doubts = validate_start(bound, begin, end, end[None], x, v)
     side = _SIDES[direction]
     search = _Search(
         bound,

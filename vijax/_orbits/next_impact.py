@@ -97,7 +97,7 @@ def next_impact(
     for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
         check_shape(name, value, shape)
     doubts = refuse([wrong_stop(bound, stop)])
-    doubts += validate_start(bound.stops, bound.forcing.frequency, begin, end, end[None], x, v)
+    doubts += validate_start(bound, begin, end, end[None], x, v)
     wanted = ImpactRequest(
         t0=begin,
         t1=end,

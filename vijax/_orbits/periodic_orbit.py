@@ -99,7 +99,7 @@ def periodic_orbit(
     angle = angle_of(phase)
     t0 = angle / bound.forcing.frequency
     t1 = t0 + n * bound.forcing.period
-    start = bound.stops, bound.forcing.frequency, t0, t1, t1[None], x, v
+    start = bound, t0, t1, t1[None], x, v
     doubts = validate_start(*check_values(start))
     if is_traced((bound, flow, x, v, angle)):
         numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)

@@ -103,7 +103,7 @@ def lyapunov_exponents(
     for name, value in (("x0", x), ("v0", v)):
         check_shape(name, value, (n,))
     zero = np.zeros((), x.dtype)
-    doubts = validate_start(bound.stops, bound.forcing.frequency, zero, zero, zero[None], x, v)
+    doubts = validate_start(bound, zero, zero, zero[None], x, v)
     counts = np.asarray(settling), np.asarray(averaged)
     request = ExponentRequest(x, v, *counts, max_steps=bound_of_steps(max_steps), is_sound=none_true(doubts))
     if is_known:

@@ -193,8 +193,7 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
 
 
 def validate_start(
-    stops: Sequence[Any],
-    frequency: Reals,
+    system: Any,
     t0: Reals,
     t1: Reals,
     ts: Reals,
@@ -208,11 +207,23 @@ def validate_start(
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
     # A run or an orbit that ends on a stop at 0 has a rounding error of the motion there, which is no size of its own.
-    angle = frequency * t0
-    travel = abs(v0).max() / (frequency + (frequency <= 0)) + abs(x0).max()
-    travel = travel + sum(stop.reach(angle) for stop in stops if not stop.is_compliant)
-    checks += _beyond(stops, x0, angle, "The start lies", 8 * travel)
+    angle = system.forcing.frequency * t0
+    travel = _travel_within_a_radian(system, v0) + abs(x0).max()
+    travel = travel + sum(stop.reach(angle) for stop in system.stops if not stop.is_compliant)
+    checks += _beyond(system.stops, x0, angle, "The start lies", 8 * travel)
     return refuse(checks)
+
+
+def _travel_within_a_radian(system: Any, v: Reals) -> Reals:
+    """Size of displacements by velocities, and by load and friction, which masses at rest withstand."""
+    forcing, diagonal = system.forcing, array_namespace(system.mass).diagonal
+    inertia = diagonal(system.mass) if system.has_full_mass else system.mass
+    frequency = forcing.frequency + (forcing.frequency <= 0)
+    resistance = inertia * frequency**2 + abs(diagonal(system.stiffness))
+    force = abs(forcing.amplitude).reshape(-1, len(inertia)).sum(axis=0) + abs(forcing.mean)
+    rows = [(element.grip, row) for element in system.friction for row in element.coefficients.items()]
+    friction = sum(grip * abs(a / resistance[i]) for grip, (i, a) in rows)
+    return abs(v).max() / frequency + (force / resistance).max() + friction
 
 
 def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:

@@ -137,7 +137,7 @@ def simulate_with(
     if known and ts is None and known.admits(begin, end, x, v):
         doubts = []
     else:
-        start = system.stops, system.forcing.frequency, begin, end, times, x, v
+        start = system, begin, end, times, x, v
         doubts = validate_start(*(start if known else check_values(start)))
     can_stick = (known is not None and known.can_always_stick) or can_any_stick(system, x, v)
     request = LoopArguments(
