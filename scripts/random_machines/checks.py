@@ -13,6 +13,8 @@ from .machines import Shape, in_other_units, machine, mirrored
 
 # Number of saved states, room for events, and relative rounding that a step may add.
 SAVED, ROOM, ROUNDING = 33, 256, 1e-11
+# Bound on steps: on an elastic stop bounces shrink for ever, and would take for ever.
+MOST_STEPS = 20_000
 # Disturbances by which the growth of errors is measured; motions in which one grows more are compared no further.
 DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
 # Size of a motion that has died out: the squares of smaller numbers are zero.
@@ -54,7 +56,15 @@ def run(shape: Shape, a: dict, begin, end, x0=None, v0=None) -> Run:
         own = {name: value[k] for name, value in a.items()}
         ts = begin[k] + (end[k] - begin[k]) * np.linspace(0.0, 1.0, SAVED)
         sol = vx.simulate(
-            machine(shape, own), begin[k], end[k], x0[k], v0[k], ts=ts, max_events=ROOM, throw=False
+            machine(shape, own),
+            begin[k],
+            end[k],
+            x0[k],
+            v0[k],
+            ts=ts,
+            max_events=ROOM,
+            max_steps=MOST_STEPS,
+            throw=False,
         )
         log = sol.events
         own_log = log.t, log.stop, log.kind, log.velocity_minus, log.velocity_plus
@@ -123,7 +133,9 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
         end = 6 * 2 * np.pi / own["frequency"]
 
         def last(x0, v0, own=own, end=end):
-            sol = vx.simulate(machine(shape, own), 0.0, end, x0, v0, max_events=ROOM, throw=False)
+            sol = vx.simulate(
+                machine(shape, own), 0.0, end, x0, v0, max_events=ROOM, max_steps=MOST_STEPS, throw=False
+            )
             return jnp.concatenate([sol.x1, sol.v1])
 
         start, way = (own["x0"], own["v0"]), (np.cos(1.0 + own["x0"]), np.sin(2.0 + own["v0"]))
@@ -181,7 +193,10 @@ def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.Peri
         system = machine(shape, {name: value[k] for name, value in a.items()})
         period = 2 * np.pi / float(a["frequency"][k])
         ts = period * (SETTLED + np.arange(5))
-        sol = vx.simulate(system, 0.0, ts[-1], a["x0"][k], a["v0"][k], ts=ts, max_events=ROOM, throw=False)
+        start = a["x0"][k], a["v0"][k]
+        sol = vx.simulate(
+            system, 0.0, ts[-1], *start, ts=ts, max_events=ROOM, max_steps=10 * MOST_STEPS, throw=False
+        )
         states = np.concatenate([sol.xs, sol.vs], axis=1)
         away = np.abs(states[1:] - states[0]).max(axis=1) / (np.abs(states[0]).max() + 1e-12)
         if not (away < NEARLY).any():

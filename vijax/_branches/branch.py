@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
+from .._dataset_checks import check_columns, finite_attribute, parsed_attribute
 from .._flow.choose import choose_flow
 from .._flow.taylor import TaylorFlow
 from .._hybrid.limits import IMPACT
@@ -37,6 +38,16 @@ from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 # `_SPARE`: spare room of a log.
 # `_OF_CHATTER`: the same where stops hold, as a chatter may complete later.
 _STEP_OF_ROOM, _SPARE, _OF_CHATTER = 8, 4, 32
+# Columns from which an orbit is built, and their dimensions.
+_OF_ORBITS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("is_stable", "is_admissible", "residual"), ("point",)),
+    **dict.fromkeys(("x0", "v0"), ("point", "mass")),
+    **dict.fromkeys(("event_kind", "event_stop", "flight"), ("point", "event")),
+    "num_impacts": ("point", "stop"),
+    "multipliers": ("point", "multiplier"),
+    "held": ("point", "flight_number", "stop"),
+    "start": ("point", "state"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +88,7 @@ class Branch:
     @property
     def path(self) -> str:
         """Path of the parameter."""
+        _check(self.points)
         return self.points.attrs["path"]
 
     @property
@@ -87,6 +99,7 @@ class Branch:
     @property
     def ends(self) -> tuple[str, str]:
         """Reasons why the branch ends at its first point and at its last."""
+        _check(self.points)
         first, last = json.loads(self.points.attrs["ends"])
         return first, last
 
@@ -98,19 +111,22 @@ class Branch:
     @property
     def special_points(self) -> list["Bifurcation"]:
         """Bifurcations of the branch and zeros of its monitors, in their order."""
+        _check(self.points)
         return [Bifurcation(self, int(k)) for k in np.flatnonzero(self.points["bifurcation"].values != "")]
 
     def orbit(self, k: int) -> PeriodicOrbit:
         """Return the orbit at point `k`."""
-        if not -len(self) <= k < len(self):
-            raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
         system = self.system or build_from(
             self.points.attrs, allow_forces=self.allow_forces, force=self.force
         )
+        _check(self.points)
+        _check_orbits(self.points, system)
+        if not -len(self) <= k < len(self):
+            raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
         return _orbit(jax.tree.map(jnp.asarray, bound(system)), self.points.isel(point=k))
 
     def __len__(self) -> int:
-        return self.points.sizes["point"]
+        return self.points.sizes.get("point", 0)
 
     def __repr__(self) -> str:
         low, high = self.values.min(), self.values.max()
@@ -124,6 +140,39 @@ class Branch:
             f"  ends          {self.ends[0]}, {self.ends[1]}\n"
             f"  bifurcations  {kinds or 'none'}" + (f"\n  monitors      {', '.join(zeros)}" if zeros else "")
         )
+
+
+def _check(points: xr.Dataset) -> None:
+    """Reject a dataset that is no branch."""
+    path, ends = points.attrs.get("path"), parsed_attribute(points, "ends")
+    is_path = isinstance(path, str) and path in points.variables
+    are_ends = isinstance(ends, list) and len(ends) == 2 and all(isinstance(end, str) for end in ends)
+    n, phase = (finite_attribute(points, name) for name in ("num_periods", "phase"))
+    is_cycle = n is not None and 0 <= n < 2**31 and n == int(n) and phase is not None
+    if not (is_path and are_ends and is_cycle):
+        names = "`path`, `ends`, `num_periods` and `phase`"
+        raise ValueError(
+            f"The attributes {names} of the dataset are not those of a branch: pass `branch.points`."
+        )
+    check_columns(points, "`branch.points`", dict.fromkeys((str(path), "is_stable"), ("point",)))
+    is_text = points["bifurcation"].dtype.kind in "UTSO" if "bifurcation" in points else False
+    if not (is_text and points["bifurcation"].dims == ("point",) and points.sizes["point"]):
+        raise ValueError(
+            "The dataset has no points with the column `bifurcation`, a text: pass `branch.points`."
+        )
+
+
+def _check_orbits(points: xr.Dataset, system: ImpactSystem) -> None:
+    """Reject a branch from which no orbit of the machine can be built."""
+    period = {} if points.attrs["num_periods"] else {"period": ("point",)}
+    check_columns(points, "`branch.points`", _OF_ORBITS | period)
+    sizes, n = points.sizes, system.num_masses
+    counts = {"mass": n, "stop": system.num_stops, "state": 2 * n, "flight_number": sizes["event"] + 1}
+    for dim, count in counts.items():
+        if sizes[dim] != count:
+            raise ValueError(
+                f"A branch of this machine has {count} along `{dim}`, but this one has {sizes[dim]}."
+            )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import flags
+from .._dataset_checks import check_columns
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
 from .non_impacting_proof import prove_non_impacting
@@ -267,6 +268,9 @@ def _with_exponents(source: Solution | xr.Dataset, found: Recurrence) -> Recurre
     """Classify motions that do not repeat by their largest Lyapunov exponent, where it differs clearly from zero."""
     if isinstance(source, Solution) or "lyapunov_exponents" not in source:
         return found
+    check_columns(
+        source, "`vx.sweep`", dict.fromkeys(("lyapunov_exponents", "lyapunov_error"), ("exponent",))
+    )
     largest, error = (
         flattened_points(source, source[f"lyapunov_{name}"], "exponent")[:, 0]
         for name in ("exponents", "error")
@@ -279,6 +283,7 @@ def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) ->
     """True where the log of a sweep ends early; the states of a trajectory are NaN after its log ends."""
     if isinstance(source, Solution):
         return np.zeros(num_points, bool)
+    check_columns(source, "`vx.sweep`", {"num_impacts": ("stop",)})
     happened = flattened_points(source, source["num_impacts"], "stop").sum(axis=1)
     return np.bincount(impacts.point, minlength=num_points) < happened
 

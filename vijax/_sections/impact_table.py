@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from .._dataset_checks import check_columns
 from .._sweep.outcomes import warn_of_endings
 from .record import dims_of, flattened_points
 
@@ -50,6 +51,8 @@ def impacts(ds: xr.Dataset) -> "pd.DataFrame":
     missing = [name for name in ("result", *_COLUMNS.values()) if name not in ds]
     if set(missing) - {"impact_relative_velocity"}:
         raise ValueError(f"Argument `ds` must be what `vx.sweep` returned, but has no {', '.join(missing)}.")
+    there = [name for name in _COLUMNS.values() if name in ds]
+    check_columns(ds, "`vx.sweep`", {"result": (), **dict.fromkeys(there, ("impact",))})
     warn_of_endings(ds, "max_impacts_reached")
     of_stop = flattened_points(ds, ds["impact_stop"], "impact")
     point, number = np.nonzero(of_stop >= 0)

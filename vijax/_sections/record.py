@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import xarray as xr
 
+from .._dataset_checks import check_columns
 from .._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
@@ -47,6 +48,7 @@ def dims_of(source: Solution | xr.Dataset) -> dict[str, int]:
     """Dimensions of the points and their sizes; none for a trajectory."""
     if isinstance(source, Solution):
         return {}
+    check_columns(source, "`vx.sweep`", {"result": ()})
     return {str(name): source.sizes[name] for name in source["result"].dims}
 
 
@@ -75,12 +77,14 @@ def stop_masses(source: Solution | xr.Dataset) -> np.ndarray:
     if isinstance(source, Solution):
         contacts = source.machine.contacts
         return np.array(contacts.masses[: contacts.num_stops], int)
+    check_columns(source, "`vx.sweep`", {"stop_mass": ("stop",)})
     return source["stop_mass"].values
 
 
 def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
     """Forcing period of every point, (points,)."""
     if isinstance(source, xr.Dataset):
+        check_columns(source, "`vx.sweep`", {"forcing_period": ()})
         return flattened_points(source, source["forcing_period"])
     if np.ndim(source.t0):
         raise ValueError("Argument `source` holds several trajectories: pass one, or use `vx.sweep`.")
@@ -151,7 +155,14 @@ def _is_always_held(sol: Solution, stop: int) -> bool:
 
 def _of_sweep(ds: xr.Dataset) -> Impacts:
     names = ("time", "phase", "velocity", "stop", "sticks")
+    check_columns(ds, "`vx.sweep`", {f"impact_{name}": ("impact",) for name in names})
     columns = [flattened_points(ds, ds[f"impact_{name}"], "impact") for name in names]
+    columns[3] = columns[3].astype(int)
+    if columns[3].max(initial=-1) >= ds.sizes.get("stop", 0):
+        raise ValueError(
+            "The dataset has impacts at stops that its machine does not have: pass one of `vx.sweep`."
+        )
+    columns[4] = columns[4].astype(bool)
     point, column = np.nonzero(columns[3] >= 0)
     return Impacts(point, *(a[point, column] for a in columns))
 

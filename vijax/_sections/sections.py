@@ -5,9 +5,13 @@ import math
 import numpy as np
 import xarray as xr
 
+from .._dataset_checks import check_columns
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
 from .record import dims_of, forcing_periods, held_intervals, impacts_of, labelled, stop_masses
+
+# Columns of the section of a sweep, and their dimensions besides those of the points.
+_SECTION = {"section_x": ("period", "mass"), "section_v": ("period", "mass"), "held_time": ("period", "stop")}
 
 
 def impact_map(source: Solution | xr.Dataset, stop: int | None = None) -> xr.Dataset:
@@ -91,7 +95,8 @@ def stroboscopic_section(source: Solution | xr.Dataset) -> xr.Dataset:
     """
     (period,) = forcing_periods(source)[:1]
     if isinstance(source, xr.Dataset):
-        section = source[["section_x", "section_v", "held_time"]]
+        check_columns(source, "`vx.sweep`", _SECTION)
+        section = source[list(_SECTION)]
         return section.rename(section_x="x", section_v="v")
     t0, t1 = float(source.t0), float(source.t1)
     # Rounding may put t1 just before the end of the last period.

@@ -1,11 +1,11 @@
 """Parts of a sweep joined into one dataset."""
 
-import json
 from collections.abc import Sequence
 from typing import Any, cast
 
 import xarray as xr
 
+from .._dataset_checks import parsed_attribute
 from .._execution.store import difference
 from .dataset import FILL
 from .short_names import path_of
@@ -75,7 +75,7 @@ def _provenance_of(ds: xr.Dataset, number: int) -> dict[str, Any]:
             f"{number} has no `system`."
         )
     of_json = {
-        name: json.loads(ds.attrs[name]) for name in ("system", "force_parameters") if name in ds.attrs
+        name: parsed_attribute(ds, name) for name in ("system", "force_parameters") if name in ds.attrs
     }
     return {name: a for name, a in ds.attrs.items() if name not in _OF_NO_WEIGHT} | of_json
 

@@ -4,6 +4,7 @@ import warnings
 
 import xarray as xr
 
+from .._dataset_checks import check_columns
 from .._trajectory.solution import RESULTS
 
 _NAMES = list(RESULTS._name_to_item)
@@ -14,6 +15,7 @@ def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
 
     The message of the member says what to do. The warning points to the caller's caller.
     """
+    check_columns(ds, "`vx.sweep`", {"result": ()})
     if ds.attrs.get("max_impacts") == 0:  # no log was requested
         names = tuple(name for name in names if name != "max_impacts_reached")
     for name in names:

@@ -57,7 +57,7 @@ def check_one(name: str, value: Array, rule: Rule) -> None:
     """Reject an argument that violates a rule, unless it is traced."""
     known = concrete(value)
     if known is not None and not rule.holds(known).all():
-        raise ValueError(f"Argument `{name}` must {rule.one}, but is {known}.")
+        raise ValueError(f"Argument `{name}` must {rule.one}, but is {' '.join(str(known).split())}.")
 
 
 def check_number(name: str, value: Array, rule: Rule) -> None:

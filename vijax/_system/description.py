@@ -166,7 +166,7 @@ def _restitution(name: str, given: Any, dtype: DTypeLike) -> np.ndarray | Abstra
     if not isinstance(given, dict):
         return _array(name, given, dtype)
     laws = laws_by_name()
-    if given.get("law") not in laws:
+    if not isinstance(given.get("law"), str) or given["law"] not in laws:
         raise ValueError(
             f"`{name}` must be a number, or a table with `law`, one of {', '.join(sorted(laws))}, and its numbers, but is {given!r}."
         )

@@ -86,12 +86,16 @@ def _in_pi(quarters: int) -> str:
 
 
 def legend_beside(ax: Axes, **options) -> None:
-    """Add a legend to the right of the axes, where it covers no data."""
+    """Add a legend to the right of the axes, where it covers no data; none where nothing is drawn."""
+    if not options.get("handles", ax.get_legend_handles_labels()[0]):
+        return
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, **options)
 
 
 def legend_above(ax: Axes, *, markerscale: float = 1.0, markersize: float | None = None) -> None:
-    """Add a legend of points above the axes, with enlarged points, or points of one size."""
+    """Add a legend of points above the axes, with enlarged points, or points of one size; none where nothing is drawn."""
+    if not ax.get_legend_handles_labels()[0]:
+        return
     legend = ax.legend(
         loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=4, markerscale=markerscale
     )

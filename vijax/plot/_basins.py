@@ -8,12 +8,13 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
+from .._dataset_checks import check_columns
 from .._sweep.short_names import with_paths
 from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
 from ._axes import create_axes
 from ._labels import Units
 from ._mesh import check_plane, draw_mesh, hatch
-from ._motions import color_of_other, color_of_unknown, label_of_motion
+from ._motions import check_flags, color_of_other, color_of_unknown, label_of_motion
 from ._percent import percent
 
 # (largest count, marker size): large for the few points of a cycle, small for a cloud.
@@ -87,10 +88,21 @@ def _share(attractor: xr.Dataset) -> str:
     return percent(float(attractor.share), error)
 
 
+# What is written about each attractor, and the dimensions.
+_COLUMNS = {
+    **dict.fromkeys(("motion", "num_periods", "share"), ("attractor",)),
+    **dict.fromkeys(("section_x", "section_v"), ("attractor", "section", "mass")),
+    "num_impacts": ("attractor", "stop"),
+    "label": (),
+}
+
+
 def _check(basins: xr.Dataset, max_attractors: int) -> None:
     if "label" not in basins:
         raise ValueError(f"A picture of basins needs the variable `label`, but there are {list(basins)}.")
     check_plane(basins["label"], "A picture of basins", "start")
+    check_columns(basins, "`vx.basins`", _COLUMNS)
+    check_flags(basins.motion)
     check_count(max_attractors)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._dataset_checks import check_columns
 from .._sweep.literals import ImpactOrdinate, Quantity
 from .._sweep.outcomes import warn_of_endings
 from ._axes import (
@@ -175,6 +176,10 @@ def bifurcation(
 
 def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
     """The common swept quantity, and the number of stops."""
+    needed = {"result": (), "stop_mass": ("stop",)}
+    needed |= {"impact_stop": ("impact",)} if ordinate in ORDINATES else {}
+    for ds in sweeps:
+        check_columns(ds, "`vx.sweep`", needed)
     paths = {swept_quantity(ds.result, "A bifurcation diagram") for ds in sweeps}
     counts = {ds.sizes["stop"] for ds in sweeps}
     if len(paths) > 1 or len(counts) > 1:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
 from .._branches.kinds import MONITOR, End, Kind
+from .._dataset_checks import check_columns
 from .._hybrid.limits import IMPACT
 from .._sweep.literals import Quantity
 from .._sweep.short_names import with_paths
@@ -199,6 +200,9 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> str:
     """The path of the common parameter."""
     if not branches:
         raise ValueError("Argument `branches` is empty: give one or more.")
+    columns = dict.fromkeys(("event_kind", "event_stop", "flight", "impact_speed"), ("point", "event"))
+    for one in branches:
+        check_columns(one.points, "`branch.points`", {**columns, "num_impacts": ("point", "stop")})
     paths = {one.path for one in branches}
     if len(paths) > 1:
         raise ValueError(
@@ -217,7 +221,12 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> str:
 
 def _system(points: xr.Dataset) -> ImpactSystem:
     """The machine of a branch as its attributes describe it, its force by name only."""
-    return build_from(points.attrs, force=NAMED_FORCE)  # only the stops are needed
+    system = build_from(points.attrs, force=NAMED_FORCE)  # only the stops are needed
+    if system.num_stops != points.sizes["stop"]:
+        raise ValueError(
+            f"The machine of the branch has {system.num_stops} stops, but its points have {points.sizes['stop']}."
+        )
+    return system
 
 
 class _Curves(NamedTuple):
@@ -243,7 +252,9 @@ def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | Non
         points = points.isel(point=[*range(len(branch)), 0])
     kinds = points["bifurcation"].values.astype(str)
     # At a multiplier on the unit circle `is_stable` is decided by rounding: the other end of the segment decides.
-    is_stable = points["is_stable"].values | np.isin(kinds, [str(kind) for kind in Kind if kind.is_critical])
+    is_stable = points["is_stable"].values.astype(bool) | np.isin(
+        kinds, [str(kind) for kind in Kind if kind.is_critical]
+    )
     if quantity is None:
         sign = _system(points).stops[number].sign
         found = impact_lines(_impacts(points, number), kinds, points.attrs["num_periods"])

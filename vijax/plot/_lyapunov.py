@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._dataset_checks import check_columns
 from ._axes import Sweeps, create_axes, current_xlim, extend_xlim, named_datasets
 from ._colors import curve_colors, curve_styles, merge_style
 from ._labels import RATE, Units, axis_label, with_unit
@@ -61,6 +62,7 @@ def _paths(ds: xr.Dataset) -> list[str]:
     """Paths of the swept quantities; raise unless there are one or two."""
     if "lyapunov_exponents" not in ds:
         raise ValueError("The dataset has no `lyapunov_exponents`: sweep with `lyapunov=True`.")
+    check_columns(ds, "`vx.sweep`", dict.fromkeys(("lyapunov_exponents", "lyapunov_error"), ("exponent",)))
     paths = [str(dim) for dim in ds.lyapunov_exponents.dims if dim != "exponent"]
     if len(paths) not in (1, 2):
         raise ValueError(

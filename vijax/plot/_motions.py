@@ -93,12 +93,16 @@ def check_motions(classes: xr.Dataset, max_classes: int) -> None:
     for name in ("motion", "num_periods", "num_impacts"):
         if name not in classes:
             raise ValueError(f"A region chart needs the variable `{name}`, but there are {list(classes)}.")
-    motion = classes.motion
-    if not {"flag_values", "flag_meanings"} <= set(motion.attrs):
-        raise ValueError("The variable `motion` must have the attributes `flag_values` and `flag_meanings`.")
-    check_plane(motion, "A region chart")
+    check_flags(classes.motion)
+    check_plane(classes.motion, "A region chart")
     if max_classes < 0:
         raise ValueError(f"Argument `max_classes` must be 0 or more, but is {max_classes}.")
+
+
+def check_flags(motion: xr.DataArray) -> None:
+    """Raise unless kinds of motion say what their numbers mean."""
+    if not {"flag_values", "flag_meanings"} <= set(motion.attrs):
+        raise ValueError("The variable `motion` must have the attributes `flag_values` and `flag_meanings`.")
 
 
 def motions_of(classes: xr.Dataset) -> list[MotionKind]:
