@@ -15,3 +15,16 @@ def naming_argument(name: str, path: Path) -> Iterator[None]:
             f"Argument `{name}` must name a place that can be written to, but {str(path)!r} is none: {error.strerror or error}. "
             "Name another, or make the folder that it is in."
         ) from error
+
+
+@contextmanager
+def saying_what_is_kept(folder: Path) -> Iterator[None]:
+    """Raise an OSError with a sentence where results cannot be written in the middle of a sweep, as on a full disk."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(
+            error.errno,
+            f"Results cannot be written to {str(folder)!r}: {error.strerror or error}. What is done is kept there: make room, and "
+            "call again.",
+        ) from error

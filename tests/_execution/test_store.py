@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
@@ -299,6 +300,41 @@ def test_a_damaged_manifest_is_refused(tmp_path, text):
     (tmp_path / "sweep.json").write_text(text)
     with pytest.raises(ValueError, match="is damaged: delete the folder"):
         sweep(tmp_path)
+
+
+@pytest.fixture
+def largest_file() -> Iterator[Callable[[int], None]]:
+    """Limit on the size of files, which stands for the end of the disk."""
+    resource = pytest.importorskip("resource", reason="the system has no limits")
+    kind = resource.RLIMIT_FSIZE
+    limits = resource.getrlimit(kind)
+    yield lambda size: resource.setrlimit(kind, (size, limits[1]) if size else limits)
+    resource.setrlimit(kind, limits)
+
+
+@pytest.mark.parametrize(("argument", "size"), [("store", 3000), ("out", 500)])
+def test_a_disk_that_fills_up_is_told_and_what_is_done_is_kept(
+    plain, tmp_path, monkeypatch, largest_file, argument, size
+):
+    if argument == "out":
+        pytest.importorskip("zarr", reason="the extra `io` is not installed")
+    place, begun, original = {argument: tmp_path / "place"}, [], Threads.run
+
+    def fill(self, *rest):
+        begun.append(True)
+        if len(begun) == 2:
+            largest_file(size)
+        return original(self, *rest)
+
+    monkeypatch.setattr(Threads, "run", fill)
+    with pytest.raises(OSError, match="What is done is kept there: make room"):
+        sweep(**place)
+    largest_file(0)
+    assert not list((tmp_path / "place").glob("*.part"))
+    found = sweep(**place).load()
+    for name in found.data_vars:
+        if name != "steps" and "impact" not in found[name].dims:
+            np.testing.assert_array_equal(found[name].values, plain[None][name].values, err_msg=str(name))
 
 
 def test_an_interrupted_write_of_the_manifest_is_no_obstacle(plain, tmp_path, ran):

@@ -36,7 +36,7 @@ import numpy as np
 from .._flow.interface import AbstractFlow
 from .._system.force import BoundForce, program_of
 from .._system.system import ImpactSystem
-from .._writing import naming_argument
+from .._writing import naming_argument, saying_what_is_kept
 from .points import LaneInput
 from .records import Impact
 from .runner import AbstractRunner, PointResults, join_results
@@ -199,7 +199,8 @@ def _keep(store: Store, file: Path, found: PointResults) -> None:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     data = buffer.getvalue()
-    _write(file, data + _checksum(store, file, data), os.replace)
+    with saying_what_is_kept(store.folder):
+        _write(file, data + _checksum(store, file, data), os.replace)
 
 
 def _read(store: Store, file: Path) -> PointResults | None:

@@ -29,6 +29,7 @@ from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
 from .._hybrid.sticking import can_any_stick
 from .._progress import tqdm
+from .._writing import saying_what_is_kept
 from .dataset import coordinates_of, dataset, labelled
 from .folder import Folder, open_folder
 from .grid import grid_points
@@ -130,7 +131,9 @@ def write_sweep(
 
 def _write_block(sweep: _Sweep, axes: dict[str, np.ndarray], folder: Folder, number: int) -> None:
     """Run a block and write its results; called by a worker."""
-    folder.write(number, sweep.run(axes))
+    found = sweep.run(axes)
+    with saying_what_is_kept(folder.path):
+        folder.write(number, found)
 
 
 def _part(axes: dict[str, np.ndarray], folder: Folder, number: int) -> dict[str, np.ndarray]:
