@@ -61,7 +61,7 @@ def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
 
 
 # Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
-# generator it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
+# generator it takes half as long, and a fifth of the memory maps, of which a process has 65,530; JAX 0.11 has no choice.
 _LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4}
 
 
@@ -102,22 +102,29 @@ def compile_derivatives_lightly(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _options() -> dict | None:
-    return _LIGHTLY if _knows_how() and not PLAIN else None
+    return _known_of(_LIGHTLY)
 
 
 def options_for_lanes() -> dict | None:
     """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly."""
-    return _LIGHTLY | {"xla_cpu_prefer_vector_width": 512} if _knows_how() and not PLAIN else None
+    return _known_of(_LIGHTLY | {"xla_cpu_prefer_vector_width": 512})
+
+
+def _known_of(options: dict) -> dict | None:
+    """Those options that the backend has, if it is a CPU."""
+    if PLAIN or jax.default_backend() != "cpu":
+        return None
+    return {name: value for name, value in options.items() if _knows(name, value)}
 
 
 @cache
-def _knows_how() -> bool:
-    """True where the backend is a CPU and this version of XLA has the options."""
+def _knows(name: str, value: bool | int) -> bool:
+    """True where this version of XLA has an option of a CPU."""
     try:
-        jax.jit(lambda: 0, compiler_options=_LIGHTLY).lower().compile()
+        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
     except Exception:  # which error is raised depends on the version
         return False
-    return jax.default_backend() == "cpu"
+    return True
 
 
 def compute_once(function: Callable, *args):
