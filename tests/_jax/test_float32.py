@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from exact_orbits import exact_orbit
-from helpers import load_scene
+from helpers import GOLDEN, load_scene
 
 PROGRAM = """
 import json, sys, warnings
@@ -43,7 +43,10 @@ print(json.dumps([ends, [str(w.message) for w in caught]]))
 # A process of its own, which compiles all its programs.
 pytestmark = pytest.mark.slow
 
-# Without sticking, and hardly magnifying errors; one of a single mass, one of several.
+# All whose errors are magnified less than a thousand times, and that graze by more than rounding; then one of a single
+# mass, one of several, without sticking.
+ALL = [path.stem for path in sorted(GOLDEN.glob("*.json")) if not path.stem.startswith("graze_")]
+ALL = [name for name in ALL if load_scene(name).state_amplification < 1e3]
 SCENES = ["n1_both_r07", "n2_r03"]
 # One impact a period: x'' + 0.1 x' + x = cos(t), x <= 1, r = 0.8.
 ORBIT = exact_orbit(0.1, 1.0, 1.0, 1.0, 1.0, 0.8, 2 * np.pi, 1)
@@ -54,7 +57,7 @@ ROUNDING_32 = 1e-5
 @pytest.fixture(scope="module")
 def outcome(pytestconfig):
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, json.dumps([ORBIT.angle, 1.0, ORBIT.speed]), *SCENES],
+        [sys.executable, "-c", PROGRAM, json.dumps([ORBIT.angle, 1.0, ORBIT.speed]), *ALL, *SCENES],
         capture_output=True,
         text=True,
         check=False,
@@ -72,18 +75,19 @@ def test_it_warns_exactly_once_and_says_what_to_do(outcome):
     assert messages == about, "other warnings came with it"
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", ALL)
 def test_a_golden_scene_comes_out_right_to_float32_accuracy(outcome, name):
     x, v, dtype, impacts = outcome[0][name]
     scene = load_scene(name)
     assert dtype == "float32"
-    assert impacts == sum(event.kind == "impact" for event in scene.events)
+    if name in SCENES:  # the last bounces of a chatter are left out sooner
+        assert impacts == sum(event.kind == "impact" for event in scene.events)
     tolerance = ROUNDING_32 * scene.state_amplification
     assert tolerance < 1e-2
     np.testing.assert_allclose(x, scene.x1, rtol=0, atol=tolerance)
     np.testing.assert_allclose(v, scene.v1, rtol=0, atol=tolerance)
-    # The numbers are float32: 64-bit numbers would be far closer.
-    assert np.abs(np.array(v) - scene.v1).max() > 1e-12
+    if name in SCENES:  # the numbers are float32: 64-bit numbers would be far closer
+        assert np.abs(np.array(v) - scene.v1).max() > 1e-12
 
 
 def test_under_jit_it_comes_out_as_without(outcome):
