@@ -21,6 +21,10 @@ DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
 DEAD = 1e-150
 # Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
 SETTLED, NEARLY = 300, 1e-4
+# Orbits that are found again from another phase, in periods, and the relative difference of their multipliers.
+FEW, PHASE, ANY_PHASE = 8, 0.3, 1e-6
+# Disturbance of an orbit of a branch that attracts, the largest multiplier of one that does, and periods until it is back.
+BESIDE, ATTRACTS, BACK = 1e-5, 0.8, 100
 # Range of the frequency of a branch, relative; most points of it; the largest multiplier of an orbit that a run repeats.
 AROUND, POINTS, UNSTABLE = 0.03, 150, 100.0
 
@@ -153,8 +157,35 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
 
 
 def check_orbits(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> list[Failure]:
-    """Orbits of some lanes: their closing and their multipliers."""
-    return [Failure(name, k, excess) for k, o in orbits.items() for name, excess in _faults(shape, a, k, o)]
+    """Orbits of some lanes: their closing and their multipliers; of a few the same from another phase, and exponents."""
+    found = [(k, fault) for k, orbit in orbits.items() for fault in _faults(shape, a, k, orbit)]
+    found += [(k, fault) for k, orbit in list(orbits.items())[:FEW] for fault in _other_ways(orbit)]
+    return [Failure(name, k, excess) for k, (name, excess) in found]
+
+
+def _other_ways(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
+    """The orbit from another phase of the load, and the sum of its Lyapunov exponents."""
+    system, n, found = orbit.system, int(orbit.num_periods), []
+    multipliers = np.sort(np.abs(np.asarray(orbit.multipliers)))
+    period = float(system.forcing.period)
+    if multipliers[-1] > UNSTABLE:
+        return []
+    sol = vx.simulate(system, 0.0, PHASE * period, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
+    other = vx.periodic_orbit(system, sol.x1, sol.v1, n, phase=2 * np.pi * PHASE, throw=False)
+    away = np.abs(np.sort(np.abs(np.asarray(other.multipliers))) - multipliers).max() / max(
+        1.0, multipliers[-1]
+    )
+    if not (bool(other.is_admissible) and away <= ANY_PHASE):
+        found.append(("orbit from another phase", float(away / ANY_PHASE)))
+    if 1e-6 < multipliers[0] and multipliers[-1] < 1:
+        exponents = vx.lyapunov_exponents(
+            system, orbit.x0, orbit.v0, transient=0, num_periods=4 * n, throw=False, progress=False
+        )
+        expected = np.log(multipliers).sum() / (n * period)
+        away = abs(float(np.sum(np.asarray(exponents))) - expected) / (ANY_PHASE * (1 + abs(expected)))
+        if not away <= 1:
+            found.append(("sum of the exponents", away))
+    return found
 
 
 def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> tuple[list[Failure], int]:
@@ -171,9 +202,8 @@ def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -
         for row in {0, len(one) // 3, len(one) - 1}:
             own, is_plain = one.orbit(row), one.points["bifurcation"].values[row] == ""
             if is_plain and bool(own.is_admissible) and abs(complex(own.multipliers[0])) < UNSTABLE:
-                failures += [
-                    Failure(f"branch: {name}", k, excess) for name, excess in _faults(shape, a, k, own)
-                ]
+                faults = _faults(shape, a, k, own) + _attraction(own)
+                failures += [Failure(f"branch: {name}", k, excess) for name, excess in faults]
         whole = "bounds", "bounds"
         if one.ends != whole:
             continue
@@ -186,6 +216,21 @@ def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -
             away = float(np.abs(places - again).max() / (1e-8 * frequency))
             failures.append(Failure("branch: places of bifurcations", k, away))
     return failures, points
+
+
+def _attraction(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
+    """A run begun beside an orbit that attracts comes back to it."""
+    if not (bool(orbit.is_stable) and np.abs(np.asarray(orbit.multipliers)).max() < ATTRACTS):
+        return []
+    end = BACK * int(orbit.num_periods) * float(orbit.system.forcing.period)
+    x0, v0 = np.asarray(orbit.x0), np.asarray(orbit.v0)
+    beside = v0 * (1 + BESIDE)
+    sol = vx.simulate(
+        orbit.system, 0.0, end, x0, beside, max_events=ROOM, max_steps=10 * MOST_STEPS, throw=False
+    )
+    size = np.abs(np.append(x0, v0)).max()
+    away = np.abs(np.append(sol.x1 - x0 - BACK * np.asarray(orbit.progression), sol.v1 - v0)).max() / size
+    return [] if away <= BESIDE / 100 else [("a stable orbit attracts", float(away / BESIDE * 100))]
 
 
 def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.PeriodicOrbit]:
