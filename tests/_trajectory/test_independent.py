@@ -1,6 +1,8 @@
 """The engine against independent codes: 40-digit Taylor flights here, and heyoka."""
 
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -10,6 +12,10 @@ from mpmath import mpf
 from problems import first_order_matrix, load_phase, one_mass
 
 import vijax as vx
+
+sys.path.append(str(Path(__file__).parents[2] / "scripts"))
+
+from random_machines.machines import draw_numbers, draw_shape, machine as made
 
 # Terms and length of a step: no machine here has a rate above 2.5, and (2.5 / 8)^40 / 40! < 1e-67.
 TERMS, STEP = 40, mpf(1) / 8
@@ -174,6 +180,47 @@ def test_the_motion_agrees_with_taylor_flights_of_40_digits(name):
     np.testing.assert_allclose(solution.x1, [float(x) for x in flight.z[:n]], rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(solution.v1, [float(v) for v in flight.z[n : 2 * n]], rtol=0, atol=ROUNDING)
     assert set(np.flatnonzero(solution.stuck1).tolist()) == flight.held
+
+
+def random_machines(count: int) -> list:
+    """The first machines of the campaign that flights can follow: plain stops, one harmonic, no rate above 20."""
+    found = []
+    for number in range(1000):
+        rng = np.random.default_rng([20261124, number])
+        shape = draw_shape(rng, 3)
+        is_plain = shape.is_rigid and shape.is_driven and not (shape.is_full or shape.is_moving)
+        if not is_plain or shape.harmonics > 1:
+            continue
+        numbers = draw_numbers(rng, shape, 40)
+        for k in range(40):
+            own = {name: value[k] for name, value in numbers.items()}
+            rates = np.sqrt(np.abs(own["stiffness"]).sum(axis=1) / own["mass"])
+            is_tame = rates.max() < 20 and 0.1 < own["restitution"].min() and own["restitution"].max() < 0.95
+            if is_tame:
+                found.append(pytest.param(shape, own, id=f"{number}-{k}"))
+                break
+        if len(found) == count:
+            break
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "own"), random_machines(24))
+def test_random_machines_agree_with_taylor_flights_of_40_digits(shape, own):
+    system, t1 = made(shape, own), min(12.0, 3 * np.pi / own["frequency"])
+    flight = Flight(system, own["x0"].tolist(), own["v0"].tolist())
+    flight.fly(t1)
+    n = system.num_masses
+
+    def run(v0: np.ndarray) -> np.ndarray:
+        sol = vx.simulate(system, 0.0, t1, own["x0"], v0, max_events=512)
+        return np.append(sol.x1, sol.v1)
+
+    found = run(own["v0"])
+    growth = max(1.0, np.abs(run(own["v0"] * (1 + 1e-8)) - found).max() / 1e-8)
+    assert growth < 1e6
+    expected = [float(a) for a in flight.z[: 2 * n]]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=CHATTER_END + ROUNDING * growth)
 
 
 # heyoka
