@@ -77,6 +77,9 @@ def _provenance_of(ds: xr.Dataset, number: int) -> dict[str, Any]:
     of_json = {
         name: parsed_attribute(ds, name) for name in ("system", "force_parameters") if name in ds.attrs
     }
+    damaged = [name for name, a in of_json.items() if a is None]
+    if damaged:
+        raise ValueError(f"The attribute `{damaged[0]}` of dataset {number} cannot be read as JSON.")
     return {name: a for name, a in ds.attrs.items() if name not in _OF_NO_WEIGHT} | of_json
 
 
