@@ -4,15 +4,12 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
-from importlib.metadata import version
 
 # Most of the time goes into compiling programs that run for milliseconds. They are compiled without optimisation,
 # unless `VIJAX_COMPILE_FULLY=1` requests the programs that users get.
 if not os.environ.get("VIJAX_COMPILE_FULLY"):
-    # JAX 0.11 has no such flag any more, and ends the process.
-    has_choice = tuple(map(int, version("jax").split(".")[:2])) < (0, 11)
     short_way = (
-        f"{'--xla_cpu_use_fusion_emitters=false' if has_choice else ''} --xla_backend_optimization_level=0"
+        "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
         " --xla_disable_hlo_passes=post_scatter_expansion_simplification"
         ",while-loop-invariant-code-motion,tree_reduction_rewriter,reshape-mover"
     )

@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
 from .._jax.programs import Programs
-from .._jax.xla import in_one_kernel, not_constant, options_for_lanes
+from .._jax.xla import in_one_kernel, options_for_lanes
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, idle_mode
@@ -235,7 +235,7 @@ def _task(
     return LaneTask(
         flow=points.flow.prepare(machine),
         machine=machine,
-        phase0=not_constant(jnp.stack([zeros + 1, zeros])),  # an argument of the kernel
+        phase0=jnp.stack([zeros + 1, zeros]),
         work=_bounded(work, machine, num_lanes),
         point=queue.point,
         enough=enough,

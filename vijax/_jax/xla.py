@@ -61,7 +61,7 @@ def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
 
 
 # Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
-# generator it takes half as long, and a fifth of the memory maps, of which a process has 65,530; JAX 0.11 has no choice.
+# generator it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
 _LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4}
 
 

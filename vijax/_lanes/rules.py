@@ -252,7 +252,6 @@ RULES: dict[str, Rule] = {
     "rev": lambda program, e, xs: [np.flip(xs[0], e.params["dimensions"])],
     "concatenate": lambda program, e, xs: [np.concatenate(xs, axis=e.params["dimension"])],
     "stack": lambda program, e, xs: [np.stack(xs, axis=e.params["axis"])],
-    "unstack": lambda program, e, xs: list(np.moveaxis(xs[0], e.params["axis"], 0)),  # since JAX 0.12
     "split": _split,
     "iota": _iota,
     **dict.fromkeys(("stop_gradient", "optimization_barrier", "copy_p"), _same),
