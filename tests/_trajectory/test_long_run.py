@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
+from vijax._trajectory import chunked
 
 FREQUENCY = 0.2
 PERIOD = 2 * np.pi / FREQUENCY
@@ -39,3 +40,15 @@ def test_the_stroboscopic_state_repeats_after_many_periods(periods):
 def test_the_number_of_steps_grows_in_proportion(periods):
     steps = [int(run(k * periods, 50).num_steps) for k in (1, 2, 3)]
     assert steps[2] - steps[1] == pytest.approx(steps[1] - steps[0], rel=0.01)
+
+
+def test_calls_that_find_nothing_take_no_memory(monkeypatch):
+    """Ten million periods took 500 MB, as every one of thousands of calls kept its empty arrays with their padding."""
+    kept, original = [], chunked._joined
+    monkeypatch.setattr(chunked, "_joined", lambda *given: kept.append(given[2]) or original(*given))
+    calls, one = [], chunked.call
+    monkeypatch.setattr(chunked, "call", lambda *given: calls.append(1) or one(*given))
+    run(10_000, 4)
+    assert len(calls) > 4
+    assert len(kept[0]) == 2  # the first, and that with the saved states
+    assert all(a.base is None for taken in kept[0] for a in (taken.xs, taken.vs, taken.restarts.t))

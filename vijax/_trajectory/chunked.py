@@ -30,8 +30,10 @@ def follow_known(known: KnownMachine, request: LoopArguments) -> Solution:
         left, is_done = found.left, not np.asarray(found.is_paused)
         if is_done and not calls and len(ts) == 1 and request.max_events == EVENTS:
             return found.solution
-        calls.append(_taken(found, left.in_numpy().unpacked(), int(window.num_goals)))
-        num_reached += len(calls[-1].xs)
+        taken = _taken(found, left.in_numpy().unpacked(), int(window.num_goals))
+        num_reached += len(taken.xs)
+        if not (calls and taken.is_empty):  # ten million periods are thousands of calls
+            calls.append(taken)
         if is_done:
             return _joined(found.solution, ts, calls, int(request.max_events))
 
@@ -51,12 +53,17 @@ def _window(request: LoopArguments, num_reached: int) -> LoopArguments:
 
 @dataclass(frozen=True)
 class _Taken:
-    """Results of one call, without padding."""
+    """Results of one call, without padding, in arrays of their own: views would keep the padding."""
 
     xs: np.ndarray
     vs: np.ndarray
     events: EventLog
     restarts: Restarts
+
+    @property
+    def is_empty(self) -> bool:
+        """True if the call has neither reached a saved state nor logged anything."""
+        return not (len(self.xs) or len(self.events.t) or len(self.restarts.t))
 
 
 def _taken(found: Found, left: CallProgress, most_goals: int) -> _Taken:
@@ -64,10 +71,10 @@ def _taken(found: Found, left: CallProgress, most_goals: int) -> _Taken:
     events = found.solution.events
     is_event = np.asarray(events.stop) >= 0
     return _Taken(
-        xs=np.asarray(found.xs)[:num_goals],
-        vs=np.asarray(found.vs)[:num_goals],
+        xs=np.asarray(found.xs)[:num_goals].copy(),
+        vs=np.asarray(found.vs)[:num_goals].copy(),
         events=jax.tree.map(lambda a: np.asarray(a)[is_event], events),
-        restarts=jax.tree.map(lambda a: np.asarray(a)[: int(left.rows)], found.solution.restarts),
+        restarts=jax.tree.map(lambda a: np.asarray(a)[: int(left.rows)].copy(), found.solution.restarts),
     )
 
 
