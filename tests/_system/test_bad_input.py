@@ -238,6 +238,17 @@ def test_a_start_past_the_stop_by_one_rounding_is_taken_as_on_it():
         run(t1=0.1, x0=np.array([0.3 + 1e-13]), v0=np.array([-1.0]))
 
 
+def test_a_start_is_checked_while_the_stiffness_alone_is_traced():
+    def end(stiffness, x0):
+        load, stop = vx.Harmonic([0.3], 0.6), vx.Stop(0, 0.3, "upper", 0.5)
+        system = vx.ImpactSystem([1.0], [[0.1]], jnp.reshape(stiffness, (1, 1)), load, [stop])
+        return vx.simulate(system, 0.0, 1.0, [x0], max_events=64).x1[0]
+
+    assert np.isfinite(jax.jit(lambda k: end(k, 0.0))(1.0))
+    with pytest.raises(ValueError, match="beyond a stop"):
+        jax.jit(lambda k: end(k, 0.4))(1.0)
+
+
 @pytest.mark.parametrize("row", [0, {0: 1.0, 1: -1.0}])
 def test_a_run_goes_on_from_masses_at_rest_on_a_stop_at_zero(row):
     """What rounding left of their motion is far below the smallest length of the machine."""

@@ -215,15 +215,21 @@ def validate_start(
 
 
 def _travel_within_a_radian(system: Any, v: Reals) -> Reals:
-    """Size of displacements by velocities, and by load and friction, which masses at rest withstand."""
-    forcing, diagonal = system.forcing, array_namespace(system.mass).diagonal
-    inertia = diagonal(system.mass) if system.has_full_mass else system.mass
+    """Size of displacements by velocities; and by load and friction, which masses at rest withstand, if all are known."""
+    forcing = system.forcing
     frequency = forcing.frequency + (forcing.frequency <= 0)
-    resistance = inertia * frequency**2 + abs(diagonal(system.stiffness))
-    force = abs(forcing.amplitude).reshape(-1, len(inertia)).sum(axis=0) + abs(forcing.mean)
-    rows = [(element.grip, row) for element in system.friction for row in element.coefficients.items()]
-    friction = sum(grip * abs(a / resistance[i]) for grip, (i, a) in rows)
-    return abs(v).max() / frequency + (force / resistance).max() + friction
+    moved = abs(v).max() / frequency
+    rows = [(element.grip, i, a) for element in system.friction for i, a in element.coefficients.items()]
+    numbers = forcing.frequency, system.mass, system.stiffness, forcing.amplitude, forcing.mean
+    known = [a for a in map(concrete, (*numbers, *(grip * a for grip, _, a in rows))) if a is not None]
+    if len(known) < len(numbers) + len(rows):
+        return moved
+    rate, mass, stiffness, amplitude, mean, *pulls = known
+    inertia = mass.diagonal() if system.has_full_mass else mass
+    resistance = inertia * (rate + (rate <= 0)) ** 2 + abs(stiffness.diagonal())
+    force = abs(amplitude).reshape(-1, len(inertia)).sum(axis=0) + abs(mean)
+    friction = sum(abs(pull / resistance[i]) for pull, (_, i, _) in zip(pulls, rows, strict=True))
+    return moved + (force / resistance).max() + friction
 
 
 def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
