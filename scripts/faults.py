@@ -115,7 +115,7 @@ class Case:
                 break
         for _ in range(2):
             if not self.end(self.begin()):
-                raise Broken(f"undisturbed work failed: {(self.folder / 'stderr').read_text()[-600:]}")
+                raise Broken(f"undisturbed work failed: {self.said[-600:]}")
         return self.result()
 
 
@@ -291,7 +291,7 @@ def undisturbed(kind: str) -> tuple[dict[str, np.ndarray], float]:
             process.stdout.readline()
             start = time.monotonic()
             if not case.end(process):
-                raise Broken(f"undisturbed work failed: {(case.folder / 'stderr').read_text()[-600:]}")
+                raise Broken(f"undisturbed work failed: {case.said[-600:]}")
             whole = time.monotonic() - start
         return case.result(), whole
 

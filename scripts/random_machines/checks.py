@@ -13,7 +13,7 @@ from .machines import Shape, in_other_units, machine, mirrored
 
 # Number of saved states, room for events, and relative rounding that a step may add.
 SAVED, ROOM, ROUNDING = 33, 256, 1e-11
-# Bound on steps: on an elastic stop bounces shrink for ever, and would take for ever.
+# Bound on steps: on an elastic stop bounces never end.
 MOST_STEPS = 20_000
 # Disturbances by which the growth of errors is measured; motions in which one grows more are compared no further.
 DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
@@ -75,7 +75,9 @@ def run(shape: Shape, a: dict, begin, end, x0=None, v0=None, most_steps: int | N
         found = ts, sol.xs, sol.vs, *own_log, sol.num_events, sol.result._value
         rows.append([np.asarray(a) for a in found])
     return (
-        Run(*(np.stack(column) for column in zip(*rows, strict=True))) if rows else Run(*[np.empty(0)] * 10)
+        Run(*(np.stack(column) for column in zip(*rows, strict=True)))
+        if rows
+        else Run(*[np.empty(0)] * len(Run._fields))
     )
 
 
