@@ -15,38 +15,42 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from random_machines.checks import check, check_alone, check_branches, check_orbits, settled_orbits
-from random_machines.machines import draw_numbers, draw_shape
+from random_machines.families import check_family
+from random_machines.machines import draw_numbers, draw_shape, own_numbers
+from random_machines.motions import Failure, check_alone, check_motions
+from random_machines.orbits import check_orbits, settled_orbits
 
+# Runs of a machine.
+RUNS = 7
 # Machines of a round whose orbits are searched for.
 ORBITS = 64
-# Branches that are followed in every fourth round, as their programs take longest to compile.
-BRANCHES = 32
+# Machines of a round that are swept and whose branches are followed, in every fourth round: their programs compile longest.
+FAMILIES = 4
 
 
-def play(number: int, machines: int, most_masses: int) -> dict:
+def play(number: int, machines: int, most_masses: int, families: int = FAMILIES) -> dict:
     """One round: what it is, and what failed."""
     rng = np.random.default_rng([20261124, number])
     shape = draw_shape(rng, most_masses)
     numbers = draw_numbers(rng, shape, machines)
     start = time.process_time()
-    failures, compared = check(shape, numbers, rng)
+    failures, compared = check_motions(shape, numbers, rng)
     if number % 4 == 0:
         failures += check_alone(shape, numbers, [int(rng.integers(machines))])
     orbits = settled_orbits(shape, numbers, list(range(min(machines, ORBITS))))
     failures += check_orbits(shape, numbers, orbits)
-    branches = dict(list(orbits.items())[:BRANCHES]) if number % 4 == 3 else {}
-    found, points = check_branches(shape, numbers, branches)
-    failures += found
+    counts = Counter(orbits=len(orbits))
+    for k in range(min(machines, families) if number % 4 == 3 and shape.is_driven else 0):
+        faults, own = check_family(shape, own_numbers(numbers, k))
+        failures += [Failure(name, k, excess) for name, excess in faults]
+        counts += own
     return {
         "round": number,
         "shape": shape._asdict(),
         "machines": machines,
-        "runs": 7 * machines,
+        "runs": RUNS * machines,
         "compared": compared,
-        "orbits": len(orbits),
-        "branches": len(branches),
-        "points": points,
+        **counts,
         "failures": [failure._asdict() for failure in failures],
         "cpu_seconds": round(time.process_time() - start, 1),
     }
@@ -55,12 +59,12 @@ def play(number: int, machines: int, most_masses: int) -> dict:
 def summary(lines: list[dict]) -> str:
     """The tally in words."""
     kinds = Counter(failure["check"] for line in lines for failure in line["failures"])
-    counted = "machines", "runs", "compared", "orbits", "branches", "points", "cpu_seconds"
+    counted = "machines", "runs", "compared", "swept", "orbits", "branches", "points", "cpu_seconds"
     total = {key: sum(line.get(key, 0) for line in lines) for key in counted}
     found = ", ".join(f"{kind}: {count}" for kind, count in kinds.most_common()) or "none"
     return (
         f"{len(lines)} shapes, {total['machines']} machines, {total['runs']} runs, {total['compared']} compared motions, "
-        f"{total['orbits']} orbits, {total['branches']} branches of {total['points']} points, {total['cpu_seconds'] / 3600:.2f} CPU hours; failures: {found}"
+        f"{total['swept']} points of sweeps, {total['orbits']} orbits, {total['branches']} branches of {total['points']} points, {total['cpu_seconds'] / 3600:.2f} CPU hours; failures: {found}"
     )
 
 
@@ -70,6 +74,12 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--hours", type=float, default=0.1, help="time after which no round begins")
     parser.add_argument("--machines", type=int, default=256, help="machines of a round")
     parser.add_argument("--masses", type=int, default=6, help="most masses of a machine")
+    parser.add_argument(
+        "--families",
+        type=int,
+        default=FAMILIES,
+        help="machines of every fourth round whose branches are followed",
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first round")
     parser.add_argument("--stride", type=int, default=1, help="step between the rounds of this process")
     parser.add_argument("--round", type=int, help="play this round alone, and print it")
@@ -82,7 +92,7 @@ def main() -> None:
     options = arguments()
     jax.config.update("jax_enable_x64", True)
     if options.round is not None:
-        print(json.dumps(play(options.round, options.machines, options.masses), indent=1))
+        print(json.dumps(play(options.round, options.machines, options.masses, options.families), indent=1))
         return
     options.out.mkdir(parents=True, exist_ok=True)
     tally = options.out / "tally.jsonl"
@@ -90,7 +100,7 @@ def main() -> None:
     done, number, until = {line["round"] for line in lines}, options.first, time.time() + 3600 * options.hours
     while time.time() < until:
         if number not in done:
-            lines.append(play(number, options.machines, options.masses))
+            lines.append(play(number, options.machines, options.masses, options.families))
             with tally.open("a") as file:
                 file.write(json.dumps(lines[-1]) + "\n")
             print(summary(lines), flush=True)

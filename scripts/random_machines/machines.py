@@ -203,6 +203,11 @@ def machine(shape: Shape, a: dict[str, Any]) -> vx.ImpactSystem:
     return vx.ImpactSystem(a["mass"], a["damping"], a["stiffness"], load, stops, friction=friction)
 
 
+def own_numbers(a: dict[str, np.ndarray], lane: int) -> dict[str, np.ndarray]:
+    """Numbers of one lane."""
+    return {name: value[lane] for name, value in a.items()}
+
+
 def _side(side: str) -> float:
     return 1.0 if side == "upper" else -1.0
 
@@ -245,3 +250,38 @@ def in_other_units(a: dict, mass: float, length: float, time: float) -> dict:
         "v0": length / time,
     }
     return {name: value * factors.get(name, 1.0) for name, value in a.items()}
+
+
+def permuted(shape: Shape, a: dict, order: np.ndarray) -> tuple[Shape, dict]:
+    """The machine with its masses numbered in another order: mass i becomes mass `order[i]`."""
+    old = np.argsort(order)
+
+    def rows(given: tuple[Row, ...]) -> tuple[Row, ...]:
+        return tuple(tuple(int(order[i]) for i in row) for row in given)
+
+    matrices = ["damping", "stiffness", *(["mass"] if shape.is_full else [])]
+    vectors = ["amplitude", "phase", "mean", "x0", "v0", *([] if shape.is_full else ["mass"])]
+    numbers = {name: a[name][..., old] for name in vectors}
+    numbers |= {name: a[name][:, old][:, :, old] for name in matrices}
+    other = shape._replace(
+        stops=tuple((int(order[i]), side) for i, side in shape.stops),
+        cushions=tuple((int(order[i]), side) for i, side in shape.cushions),
+        contacts=rows(shape.contacts),
+        pads=rows(shape.pads),
+    )
+    return other, {**a, **numbers}
+
+
+def free(shape: Shape, a: dict) -> tuple[Shape, dict]:
+    """The machine on which nothing acts from outside: no ground, no stops, no load."""
+    own = [j for j, row in enumerate(shape.pads) if len(row) == 2]
+    other = shape._replace(
+        stops=(), cushions=(), pads=tuple(shape.pads[j] for j in own), is_driven=False, is_moving=False
+    )
+    numbers = {name: np.zeros_like(a[name]) for name in ("amplitude", "mean")}
+    for name in ("damping", "stiffness"):
+        numbers[name] = a[name] - np.einsum("bi,ij->bij", a[name].sum(axis=2), np.eye(shape.masses))
+    for name in ("position", "restitution", "cushion", "cushion_stiffness", "cushion_damping", "preload"):
+        numbers[name] = a[name][:, :0]
+    numbers |= {name: a[name][:, own] for name in ("friction", "static", "belt")}
+    return other, {**a, **numbers}

@@ -1,6 +1,5 @@
-"""Checks on random machines that need no other code: laws of mechanics, and the same motion computed in two ways."""
+"""Checks on motions of random machines: laws of mechanics, and the same motion computed in two ways."""
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -9,7 +8,7 @@ import numpy as np
 
 import vijax as vx
 
-from .machines import Shape, in_other_units, machine, mirrored
+from .machines import Shape, free, in_other_units, machine, mirrored, own_numbers, permuted
 
 # Number of saved states, room for events, and relative rounding that a step may add.
 SAVED, ROOM, ROUNDING = 33, 256, 1e-11
@@ -19,14 +18,6 @@ MOST_STEPS = 20_000
 DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
 # Size of a motion that has died out: the squares of smaller numbers are zero.
 DEAD = 1e-150
-# Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
-SETTLED, NEARLY = 300, 1e-4
-# Orbits that are found again from another phase, in periods, and the relative difference of their multipliers.
-FEW, PHASE, ANY_PHASE = 8, 0.3, 1e-6
-# Disturbance of an orbit of a branch that attracts, the largest multiplier of one that does, and periods until it is back.
-BESIDE, ATTRACTS, BACK = 1e-5, 0.8, 100
-# Range of the frequency of a branch, relative; most points of it; the largest multiplier of an orbit that a run repeats.
-AROUND, POINTS, UNSTABLE = 0.03, 150, 100.0
 
 
 class Failure(NamedTuple):
@@ -57,7 +48,7 @@ def run(shape: Shape, a: dict, begin, end, x0=None, v0=None, most_steps: int | N
     x0, v0 = a["x0"] if x0 is None else x0, a["v0"] if v0 is None else v0
     rows = []
     for k in range(len(begin)):
-        own = {name: value[k] for name, value in a.items()}
+        own = own_numbers(a, k)
         ts = begin[k] + (end[k] - begin[k]) * np.linspace(0.0, 1.0, SAVED)
         sol = vx.simulate(
             machine(shape, own),
@@ -81,8 +72,8 @@ def run(shape: Shape, a: dict, begin, end, x0=None, v0=None, most_steps: int | N
     )
 
 
-def check(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list[Failure], int]:
-    """All checks of a batch; what failed, and the number of compared motions."""
+def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list[Failure], int]:
+    """Check a batch of machines; what failed, and the number of compared motions."""
     count = len(a["frequency"])
     begin = np.zeros(count)
     end = 12 * 2 * np.pi / a["frequency"]
@@ -130,6 +121,12 @@ def check(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list[Failure
     failures += compare("units", other.xs / length, other.vs * (time / length))
     glass = run(*mirrored(shape, a), begin, end)
     failures += compare("mirror", -glass.xs, -glass.vs)
+    if shape.masses > 1:
+        order = rng.permutation(shape.masses)
+        other = run(*permuted(shape, a, order), begin, end)
+        failures += compare("permutation", other.xs[..., order], other.vs[..., order])
+    if shape.contacts:
+        failures += _momentum(*free(shape, a), begin, end)
     return failures, int(fair.sum())
 
 
@@ -137,7 +134,7 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
     """Single runs, and derivatives forward and reverse, of a few lanes."""
     failures = []
     for k in lanes:
-        own = {name: value[k] for name, value in a.items()}
+        own = own_numbers(a, k)
         end = 6 * 2 * np.pi / own["frequency"]
 
         def last(x0, v0, own=own, end=end):
@@ -158,146 +155,19 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
     return failures
 
 
-def check_orbits(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> list[Failure]:
-    """Orbits of some lanes: their closing and their multipliers; of a few the same from another phase, and exponents."""
-    found = [(k, fault) for k, orbit in orbits.items() for fault in _faults(shape, a, k, orbit)]
-    found += [(k, fault) for k, orbit in list(orbits.items())[:FEW] for fault in _other_ways(orbit)]
-    return [Failure(name, k, excess) for k, (name, excess) in found]
-
-
-def _other_ways(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
-    """The orbit from another phase of the load, and the sum of its Lyapunov exponents."""
-    system, n, found = orbit.system, int(orbit.num_periods), []
-    multipliers = np.sort(np.abs(np.asarray(orbit.multipliers)))
-    period = float(system.forcing.period)
-    if multipliers[-1] > UNSTABLE:
-        return []
-    sol = vx.simulate(system, 0.0, PHASE * period, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
-    other = vx.periodic_orbit(system, sol.x1, sol.v1, n, phase=2 * np.pi * PHASE, throw=False)
-    away = np.abs(np.sort(np.abs(np.asarray(other.multipliers))) - multipliers).max() / max(
-        1.0, multipliers[-1]
-    )
-    if not (bool(other.is_admissible) and away <= ANY_PHASE):
-        found.append(("orbit from another phase", float(away / ANY_PHASE)))
-    if 1e-6 < multipliers[0] and multipliers[-1] < 1:
-        exponents = vx.lyapunov_exponents(
-            system, orbit.x0, orbit.v0, transient=0, num_periods=4 * n, throw=False, progress=False
-        )
-        expected = np.log(multipliers).sum() / (n * period)
-        away = abs(float(np.sum(np.asarray(exponents))) - expected) / (ANY_PHASE * (1 + abs(expected)))
-        if not away <= 1:
-            found.append(("sum of the exponents", away))
-    return found
-
-
-def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> tuple[list[Failure], int]:
-    """Branches over the frequency through the orbits of some lanes, followed again from another point; and their points."""
-    failures, points = [], 0
-    for k, orbit in orbits.items():
-        frequency = float(a["frequency"][k])
-        bounds = (1 - AROUND) * frequency, (1 + AROUND) * frequency
-        follow = partial(
-            vx.continuation, path="forcing.frequency", bounds=bounds, max_points=POINTS, progress=False
-        )
-        one = follow(orbit)
-        points += len(one)
-        for row in {0, len(one) // 3, len(one) - 1}:
-            own, is_plain = one.orbit(row), one.points["bifurcation"].values[row] == ""
-            if is_plain and bool(own.is_admissible) and abs(complex(own.multipliers[0])) < UNSTABLE:
-                faults = _faults(shape, a, k, own) + _attraction(own)
-                failures += [Failure(f"branch: {name}", k, excess) for name, excess in faults]
-        whole = "bounds", "bounds"
-        if one.ends != whole:
-            continue
-        other = follow(one.orbit(len(one) // 3))
-        points += len(other)
-        places, again = (np.sort([point.value for point in b.bifurcations]) for b in (one, other))
-        if other.ends != whole or len(places) != len(again):
-            failures.append(Failure("branch: other bifurcations from another point", k, 1.0))
-        elif len(places) and np.abs(places - again).max() > 1e-8 * frequency:
-            away = float(np.abs(places - again).max() / (1e-8 * frequency))
-            failures.append(Failure("branch: places of bifurcations", k, away))
-    return failures, points
-
-
-def _attraction(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
-    """A run begun beside an orbit that attracts comes back to it."""
-    if not (bool(orbit.is_stable) and np.abs(np.asarray(orbit.multipliers)).max() < ATTRACTS):
-        return []
-    end = BACK * int(orbit.num_periods) * float(orbit.system.forcing.period)
-    x0, v0 = np.asarray(orbit.x0), np.asarray(orbit.v0)
-    beside = v0 * (1 + BESIDE)
-    sol = vx.simulate(
-        orbit.system, 0.0, end, x0, beside, max_events=ROOM, max_steps=10 * MOST_STEPS, throw=False
-    )
-    size = np.abs(np.append(x0, v0)).max()
-    away = np.abs(np.append(sol.x1 - x0 - BACK * np.asarray(orbit.progression), sol.v1 - v0)).max() / size
-    return [] if away <= BESIDE / 100 else [("a stable orbit attracts", float(away / BESIDE * 100))]
-
-
-def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.PeriodicOrbit]:
-    """Orbits of those among a few driven machines that settle to a period."""
-    found = {}
-    for k in lanes if shape.is_driven else []:
-        system = machine(shape, {name: value[k] for name, value in a.items()})
-        period = 2 * np.pi / float(a["frequency"][k])
-        ts = period * (SETTLED + np.arange(5))
-        start = a["x0"][k], a["v0"][k]
-        sol = vx.simulate(
-            system, 0.0, ts[-1], *start, ts=ts, max_events=ROOM, max_steps=10 * MOST_STEPS, throw=False
-        )
-        states = np.concatenate([sol.xs, sol.vs], axis=1)
-        away = np.abs(states[1:] - states[0]).max(axis=1) / (np.abs(states[0]).max() + 1e-12)
-        if not (away < NEARLY).any():
-            continue
-        n = 1 + int(np.argmax(away < NEARLY))
-        orbit = vx.periodic_orbit(
-            system, states[0, : shape.masses], states[0, shape.masses :], n, throw=False
-        )
-        if bool(orbit.is_admissible) and float(orbit.residual) < 1e-9:
-            found[k] = orbit
-    return found
-
-
-def _faults(shape: Shape, a: dict, k: int, orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
-    """Names of the checks that an orbit fails, and by how much."""
-    end = float(orbit.num_periods) * float(orbit.system.forcing.period)
-    sol = vx.simulate(orbit.system, 0.0, end, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
-    start, last = (np.concatenate(pair) for pair in ((orbit.x0, orbit.v0), (sol.x1, sol.v1)))
-    multipliers = np.asarray(orbit.multipliers)
-    largest = max(1.0, float(np.abs(multipliers).max()))
-    moved = np.concatenate([orbit.progression, np.zeros(shape.masses)])
-    lack, size = np.abs(last - start - moved).max(), 1e-9 * largest * (np.abs(start).max() + 1e-3)
-    found = [] if lack <= size else [("closing of an orbit", float(lack / size))]
-    kinds = np.asarray(sol.events.kind[: int(sol.num_events)])
-    is_held = bool(np.asarray(sol.stuck1).any())
-    if is_held or shape.is_switching or shape.is_moving or (kinds != vx.IMPACT).any():
-        return found
-    # Liouville: a flight loses volume by the damper, an impact by the square of its restitution.
-    mass = a["mass"][k] if shape.is_full else np.diag(a["mass"][k])
-    loss = -np.trace(np.linalg.solve(mass, np.asarray(orbit.system.damping))) * end
-    r = np.concatenate([a["restitution"][k], a["contact_restitution"][k]])
-    volume = np.exp(loss) * np.prod(r[np.asarray(sol.events.stop[: len(kinds)])] ** 2)
-    error = abs(np.prod(multipliers) - volume) / (1e-8 * largest ** len(multipliers))
-    return found if error <= 1 else [*found, ("product of the multipliers", float(error))]
-
-
 def _code(name: str) -> int:
     return int(getattr(vx.RESULTS, name)._value)
 
 
 def _codes(shape: Shape, a: dict, whole: Run, begin: np.ndarray, end: np.ndarray) -> list[Failure]:
     allowed = {_code("successful"), _code("max_events_reached")}
-    # On an elastic stop, and where a preload sets in, bounces shrink only as dampers take energy: the motion comes to
-    # rest after infinitely many of them, never at once.
-    is_elastic = (np.concatenate([a["restitution"], a["contact_restitution"]], axis=1) == 1).any(axis=1)
     # A motion without load dies out until the squares of its numbers underflow.
     is_dead = np.nanmin(np.abs(whole.vs).max(axis=2), axis=1) < DEAD
-    is_endless = is_elastic | (a["preload"] > 0).any(axis=1) | is_dead
+    may_not_end = is_endless(a) | is_dead
     is_long = whole.result == _code("max_steps_reached")
     failed = [int(k) for k, code in enumerate(whole.result) if int(code) not in allowed]
     # Stiff machines take many steps: what the library allows by itself is enough for them.
-    longer = [k for k in failed if is_long[k] and not is_endless[k]]
+    longer = [k for k in failed if is_long[k] and not may_not_end[k]]
     again = run(
         shape, {name: v[longer] for name, v in a.items()}, begin[longer], end[longer], most_steps=None
     )
@@ -305,7 +175,16 @@ def _codes(shape: Shape, a: dict, whole: Run, begin: np.ndarray, end: np.ndarray
     return [Failure(f"result {whole.result[k]}", k, 1.0) for k in failed if k in stalled or not is_long[k]]
 
 
-def _gaps(shape: Shape, a: dict, ts: np.ndarray, xs: np.ndarray) -> np.ndarray:
+def is_endless(a: dict) -> np.ndarray:
+    """Whether a machine may come to rest after infinitely many bounces, never at once, (lanes,).
+
+    So it is on an elastic stop, and where a preload sets in: bounces shrink only as dampers take energy.
+    """
+    r = np.concatenate([a["restitution"], a["contact_restitution"]], axis=1)
+    return (r == 1).any(axis=1) | (a["preload"] > 0).any(axis=1)
+
+
+def gaps(shape: Shape, a: dict, ts: np.ndarray, xs: np.ndarray) -> np.ndarray:
     """Gaps of rigid stops and contacts at saved states, (lanes, times, contacts)."""
     gaps = []
     for j, (i, side) in enumerate(shape.stops):
@@ -322,7 +201,7 @@ def _gaps(shape: Shape, a: dict, ts: np.ndarray, xs: np.ndarray) -> np.ndarray:
 def _penetration(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
     scale = 1e-12 * (np.abs(whole.xs).max(axis=(1, 2)) + 1.0)
     # A start beyond a moving stop is refused or pushed by it: its first instants are its own.
-    least = _gaps(shape, a, whole.ts, whole.xs).min(axis=(1, 2))
+    least = gaps(shape, a, whole.ts, whole.xs).min(axis=(1, 2))
     return [
         Failure("penetration", int(k), float(-least[k] / scale[k]))
         for k in np.flatnonzero(is_sound & (least < -scale))
@@ -355,8 +234,7 @@ def _order(whole: Run, is_sound: np.ndarray) -> list[Failure]:
 
 
 def _energy(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
-    mass = a["mass"] if shape.is_full else np.einsum("bi,ij->bij", a["mass"], np.eye(shape.masses))
-    energy = np.einsum("bti,bij,btj->bt", whole.vs, mass, whole.vs) / 2
+    energy = np.einsum("bti,bij,btj->bt", whole.vs, _matrices(shape, a), whole.vs) / 2
     energy = energy + np.einsum("bti,bij,btj->bt", whole.xs, a["stiffness"], whole.xs) / 2
     for j, (i, side) in enumerate(shape.cushions):
         sign = 1.0 if side == "upper" else -1.0
@@ -366,6 +244,24 @@ def _energy(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Fai
     return [
         Failure("energy", int(k), float(rise[k] / size[k])) for k in np.flatnonzero(is_sound & (rise > size))
     ]
+
+
+def _momentum(shape: Shape, a: dict, begin: np.ndarray, end: np.ndarray) -> list[Failure]:
+    """Momentum of machines on which nothing acts from outside."""
+    alone = run(shape, a, begin, end)
+    momenta = np.einsum("bij,btj->bti", _matrices(shape, a), alone.vs)
+    lack = np.abs(np.diff(momenta.sum(axis=2), axis=1)).max(axis=1)
+    size = ROUNDING * np.abs(momenta).max(axis=(1, 2))
+    is_sound = (alone.result == _code("successful")) & np.isfinite(alone.xs).all(axis=(1, 2))
+    return [
+        Failure("momentum", int(k), float(lack[k] / size[k]))
+        for k in np.flatnonzero(is_sound & (lack > size))
+    ]
+
+
+def _matrices(shape: Shape, a: dict) -> np.ndarray:
+    """Mass matrices, (lanes, masses, masses)."""
+    return a["mass"] if shape.is_full else np.einsum("bi,ij->bij", a["mass"], np.eye(shape.masses))
 
 
 def _growth(shape: Shape, a: dict, whole: Run, begin, end, is_sound: np.ndarray) -> np.ndarray:

@@ -1,0 +1,315 @@
+"""Checks on a random machine over its frequency: a sweep, the orbits of its points, their branches, and runs beside those."""
+
+import warnings
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+import vijax as vx
+
+from .machines import Shape, machine
+from .motions import MOST_STEPS, gaps, is_endless
+from .orbits import UNSTABLE, orbit_faults
+
+FREQUENCY = "forcing.frequency"
+# Frequencies of a sweep, their relative range, and the number of orbits from which branches are followed.
+POINTS, AROUND, STARTS = 2048, 0.25, 64
+# Most points and branches of a machine, and orbits of branches that are run.
+MOST_POINTS, MOST_BRANCHES, ROWS = 2000, 12, 256
+# Most periods of an orbit that is run, and relative error of one that closes, of multipliers, and of places.
+LONGEST, CLOSED, SAME = 8, 1e-9, 1e-8
+# Relative disturbances of orbits, one of which shows what an orbit does: the basin of a stable one may be small, and an
+# unstable one may have a stable one beside it. Periods until those that attract are back, and the others have left.
+BESIDE, BACK = (1e-5, 1e-9), 100
+# Relative distance of a frequency from a bifurcation below which orbits are not run: basins shrink to nothing there.
+NEAR = 1e-6
+# Fall of the disturbance of a stable orbit that is demanded, and growth of that of an unstable one from where the growth is
+# expected to be at least its square.
+LESS, MORE = 1e-2, 1e2
+# Ends of branches with which nothing is wrong; the others are named by bifurcations that end a branch.
+ENDS = {"bounds", "closed", "max_points", "left_the_stops", "period_doubling"}
+# Motion that is stable by itself, by its largest multiplier.
+CLEARLY_STABLE = 0.95
+
+Fault = tuple[str, float]
+
+
+class Rows(NamedTuple):
+    """Orbits at several frequencies, (orbits, ...)."""
+
+    values: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    num_periods: np.ndarray
+    multipliers: np.ndarray
+
+
+def check_family(shape: Shape, own: dict) -> tuple[list[Fault], Counter]:
+    """Sweep a driven machine over its frequency, follow its branches, and check all of it."""
+    system, frequency = machine(shape, own), float(own["frequency"])
+    values = frequency * np.linspace(1 - AROUND, 1 + AROUND, POINTS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        ds = vx.sweep(
+            system, {FREQUENCY: values}, v0=own["v0"], transient=100, max_steps=MOST_STEPS, progress=False
+        )
+        orbits = vx.periodic_orbits(ds, progress=False)
+        found, again = _branches(orbits, values), _branches(orbits, values, backwards=True)
+        faults = _codes(shape, own, system, ds) + _penetration(shape, own, ds) + _side(shape, ds)
+        faults += _volume(shape, own, ds, orbits) + _closing("sweep", system, _rows_of_sweep(ds, orbits))
+        faults += _ends(found) + _other_ends(found, again) + _on_branches(ds, orbits, found)
+        rows = _rows_of_branches([*found, *again])
+        if len(rows.values):
+            faults += _closing("branch", system, rows) + _attraction(system, rows)
+            faults += _single(shape, own, found)
+    counts = Counter(
+        swept=POINTS + (4 * ROWS + POINTS if len(rows.values) else POINTS),
+        orbits=int(orbits["converged"].sum()),
+        branches=len(found) + len(again),
+        points=sum(map(len, [*found, *again])),
+    )
+    return faults, counts
+
+
+def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False) -> list[vx.Branch]:
+    """Branches through some of the orbits, also from those where another kind of orbit begins."""
+    n, impacts = orbits["num_periods"].values, orbits["num_impacts"].values
+    is_other = np.append(True, (np.diff(n) != 0) | (np.diff(impacts, axis=0) != 0).any(axis=1))
+    is_start = is_other | (np.arange(len(n)) % (POINTS // STARTS) == 0)
+    which = np.flatnonzero(is_start & orbits["converged"].values)[: 2 * STARTS]
+    if not len(which):
+        return []
+    return vx.branches(
+        orbits.isel({FREQUENCY: which[::-1] if backwards else which}),
+        (float(values[0]), float(values[-1])),
+        max_points=MOST_POINTS,
+        max_branches=MOST_BRANCHES,
+        progress=False,
+    )
+
+
+def _codes(shape: Shape, own: dict, system: vx.ImpactSystem, ds: xr.Dataset) -> list[Fault]:
+    """Result codes of a sweep; points that ran out of steps have another try with those that the library allows."""
+    names = ds["result"].attrs["flag_meanings"].split()
+    codes = np.array(names)[np.searchsorted(ds["result"].attrs["flag_values"], ds["result"].values)]
+    failed = ~np.isin(codes, ("successful", "max_impacts_reached"))
+    if is_endless({name: a[None] for name, a in own.items()})[0]:
+        failed &= codes != "max_steps_reached"
+    longer = np.flatnonzero(failed & (codes == "max_steps_reached"))
+    if len(longer):
+        again = vx.sweep(
+            system, {FREQUENCY: ds[FREQUENCY].values[longer]}, v0=own["v0"], transient=100, progress=False
+        )
+        failed[longer] = again["result"].values != 0
+    return [
+        (f"sweep: {code}", float(count))
+        for code, count in zip(*np.unique(codes[failed], return_counts=True), strict=True)
+    ]
+
+
+def _penetration(shape: Shape, own: dict, ds: xr.Dataset) -> list[Fault]:
+    xs, values = ds["section_x"].values, ds[FREQUENCY].values
+    lanes = {name: np.repeat(a[None], len(values), axis=0) for name, a in own.items()}
+    ts = ds["forcing_period"].values[:, None] * (100 + 1 + np.arange(xs.shape[1]))
+    least = np.nanmin(gaps(shape, lanes | {"frequency": values}, ts, xs))
+    size = 1e-11 * (np.nanmax(np.abs(xs)) + 1.0)
+    return [] if least >= -size else [("sweep: penetration", float(-least / size))]
+
+
+def _side(shape: Shape, ds: xr.Dataset) -> list[Fault]:
+    """Velocities before impacts are towards the stops that stand still."""
+    faults = []
+    for j, (_, side) in enumerate(shape.stops):
+        if shape.is_moving and j == 0:
+            continue
+        own = ds["impact_velocity"].values[ds["impact_stop"].values == j]
+        if (own < 0 if side == "upper" else own > 0).any():
+            faults.append(("sweep: side of an impact", 1.0))
+    return faults
+
+
+def _volume(shape: Shape, own: dict, ds: xr.Dataset, orbits: xr.Dataset) -> list[Fault]:
+    """Product of the multipliers (Liouville): a flight loses volume by the damper, an impact by the square of its restitution."""
+    if shape.is_switching or shape.is_moving:
+        return []
+    is_free = (ds["num_sticks"].values == 0).all(axis=1) & (ds["held_time"].values == 0).all(axis=(1, 2))
+    which = np.flatnonzero(orbits["converged"].values & is_free)
+    multipliers = orbits["multipliers"].values[which]
+    time = (orbits["num_periods"].values * ds["forcing_period"].values)[which]
+    mass = own["mass"] if shape.is_full else np.diag(own["mass"])
+    r = np.concatenate([own["restitution"], own["contact_restitution"]])
+    impacts = orbits["num_impacts"].values[which]
+    volume = np.exp(-np.trace(np.linalg.solve(mass, own["damping"])) * time)
+    volume = volume * np.prod(r ** (2 * impacts), axis=1)
+    largest = np.maximum(1.0, np.abs(multipliers[:, :1])) ** multipliers.shape[1]
+    excess = np.abs(np.prod(multipliers, axis=1) - volume) / (SAME * largest[:, 0])
+    return [] if (excess <= 1).all() else [("sweep: product of the multipliers", float(np.nanmax(excess)))]
+
+
+def _rows_of_sweep(ds: xr.Dataset, orbits: xr.Dataset) -> Rows:
+    """Orbits of a sweep; where there is none, the state at its end, as of no periods."""
+    is_orbit = orbits["converged"].values
+    return Rows(
+        ds[FREQUENCY].values,
+        np.where(is_orbit[:, None], orbits["x0"].values, ds["x"].values),
+        np.where(is_orbit[:, None], orbits["v0"].values, ds["v"].values),
+        orbits["num_periods"].values,
+        orbits["multipliers"].values,
+    )
+
+
+def _rows_of_branches(branches: list[vx.Branch]) -> Rows:
+    """Some orbits of branches that the machine follows, as many each time: a sweep of another size is another program."""
+    kept = []
+    for branch in branches:
+        points, n = branch.points, int(branch.points.attrs["num_periods"])
+        places = np.append([point.value for point in branch.bifurcations], branch.values[[0, -1]])
+        away = np.abs(branch.values[:, None] - places).min(axis=1) / np.abs(branch.values)
+        own = points.isel(point=points["is_admissible"].values & (away > NEAR))
+        columns = [own[name].values for name in (FREQUENCY, "x0", "v0", "multipliers")]
+        kept.append((*columns[:3], np.full(own.sizes["point"], n), columns[3]))
+    if not sum(len(one[0]) for one in kept):
+        return Rows(*[np.empty(0)] * len(Rows._fields))
+    columns = [np.concatenate(column) for column in zip(*kept, strict=True)]
+    which = np.linspace(0, len(columns[0]) - 1, ROWS).round().astype(int)
+    return Rows(*(column[which] for column in columns))
+
+
+def _run(system: vx.ImpactSystem, rows: Rows, v: np.ndarray, transient: int) -> np.ndarray:
+    """States of runs from the orbits with other velocities at the end of each recorded period, (orbits, periods, 2 masses)."""
+    starts = xr.Dataset({"x": ((FREQUENCY, "mass"), rows.x), "v": ((FREQUENCY, "mass"), v)})
+    ds = vx.sweep(
+        system,
+        {FREQUENCY: rows.values},
+        transient=transient,
+        record=LONGEST,
+        carry_from=starts,
+        max_steps=MOST_STEPS,
+        progress=False,
+    )
+    return np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
+
+
+def _closing(name: str, system: vx.ImpactSystem, rows: Rows) -> list[Fault]:
+    """Runs from orbits return to them after their periods."""
+    start, n = np.concatenate([rows.x, rows.v], axis=1), rows.num_periods
+    largest = np.maximum(1.0, np.abs(rows.multipliers[:, 0]))
+    is_fair = (n > 0) & (n <= LONGEST) & (largest < UNSTABLE)
+    end = _run(system, rows, rows.v, 0)[np.arange(len(n)), np.clip(n, 1, LONGEST) - 1]
+    excess = _distance(end, start) / (CLOSED * largest)
+    wrong = is_fair & ~(excess <= 1)
+    return [(f"{name}: closing of an orbit", float(excess[wrong].max()))] if wrong.any() else []
+
+
+def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distance of states relative to their size, (orbits,)."""
+    return np.abs(a - b).max(axis=1) / (np.abs(b).max(axis=1) + 1e-3)
+
+
+def _attraction(system: vx.ImpactSystem, rows: Rows) -> list[Fault]:
+    """Runs begun beside orbits come back to those that are stable, and leave the others."""
+    start, n = np.concatenate([rows.x, rows.v], axis=1), rows.num_periods
+    # The state after the last whole number of periods of the orbit.
+    last = (BACK + LONGEST) // n * n - BACK - 1
+    growth = np.log(np.abs(rows.multipliers[:, 0]) + 1e-300) * (BACK / n)
+    is_strange = {"a stable orbit attracts": growth < 2 * np.log(LESS)}
+    is_strange["an unstable orbit repels"] = growth > 2 * np.log(MORE)
+    for beside in BESIDE:
+        end = _run(system, rows, rows.v * (1 + beside), BACK)
+        away = _distance(end[np.arange(len(n)), last], start) / beside
+        is_strange["a stable orbit attracts"] &= ~(away <= LESS)
+        is_strange["an unstable orbit repels"] &= ~(away >= MORE)
+    is_fair = n <= LONGEST
+    return [
+        (f"branch: {name}", float((own & is_fair).sum()))
+        for name, own in is_strange.items()
+        if (own & is_fair).any()
+    ]
+
+
+def _ends(found: list[vx.Branch]) -> list[Fault]:
+    ends = {end for branch in found for end in branch.ends}
+    kinds = {point.kind for branch in found for point in branch.bifurcations}
+    return [(f"branch ends: {end}", 1.0) for end in sorted(ends - ENDS - kinds)]
+
+
+def _other_ends(found: list[vx.Branch], again: list[vx.Branch]) -> list[Fault]:
+    """Branches from other starts are the same, in any order."""
+    cut = {"max_points"}
+    if any(cut & {*branch.ends} for branch in [*found, *again]) or _is_cut(found) or _is_cut(again):
+        return []
+    left, faults = list(again), []
+    for branch in found:
+        own = _outline(branch)
+        same = [k for k, other in enumerate(left) if _is_same(own, _outline(other))]
+        if same:
+            del left[same[0]]
+        else:
+            faults.append(("branch: from another start it differs", 1.0))
+    return faults + [("branch: found from one side alone", 1.0) for _ in left]
+
+
+def _is_cut(found: list[vx.Branch]) -> bool:
+    """Whether the search may have ended before all branches were found."""
+    return len(found) >= MOST_BRANCHES or sum(map(len, found)) >= MOST_POINTS
+
+
+def _outline(branch: vx.Branch) -> tuple[int, list[tuple[str, float]]]:
+    """Number of periods, and bifurcations of a branch sorted by their values."""
+    points = sorted((point.value, point.kind) for point in branch.bifurcations)
+    ends = sorted((float(branch.values[k]), end) for k, end in zip((0, -1), branch.ends, strict=True))
+    return int(branch.points.attrs["num_periods"]), [(kind, value) for value, kind in points + ends]
+
+
+def _is_same(one: tuple, other: tuple) -> bool:
+    (n, own), (m, its) = one, other
+    return (
+        n == m
+        and len(own) == len(its)
+        and all(a[0] == b[0] and abs(a[1] - b[1]) <= SAME * abs(a[1]) for a, b in zip(own, its, strict=True))
+    )
+
+
+def _on_branches(ds: xr.Dataset, orbits: xr.Dataset, found: list[vx.Branch]) -> list[Fault]:
+    """Every stable orbit of the sweep is on a branch: beside the chord of two of its points."""
+    if _is_cut(found):
+        return []
+    which = np.flatnonzero(
+        orbits["converged"].values & (np.abs(orbits["multipliers"].values[:, 0]) < CLEARLY_STABLE)
+    )
+    states = np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
+    missed = [
+        k
+        for k in which
+        if not any(
+            _is_on(branch, ds[FREQUENCY].values[k], states[k, -int(orbits["num_periods"][k]) :])
+            for branch in found
+            if branch.points.attrs["num_periods"] == int(orbits["num_periods"][k])
+        )
+    ]
+    return [("sweep: an orbit is on no branch", float(len(missed)))] if missed else []
+
+
+def _is_on(branch: vx.Branch, value: float, states: np.ndarray) -> bool:
+    values = branch.values
+    z = np.concatenate([branch.points["x0"].values, branch.points["v0"].values], axis=1)
+    chord, along = np.diff(z, axis=0), np.diff(values)
+    share = np.divide(value - values[:-1], along, out=np.full(len(along), np.inf), where=along != 0)
+    own = np.flatnonzero((share >= -1e-9) & (share <= 1 + 1e-9))
+    near = z[own] + share[own, None] * chord[own]
+    room = np.abs(chord[own]).max(axis=1) + 1e-6 * (np.abs(z[own]).max(axis=1) + 1e-3)
+    return bool((np.abs(near[:, None] - states).max(axis=2) <= room[:, None]).any())
+
+
+def _single(shape: Shape, own: dict, found: list[vx.Branch]) -> list[Fault]:
+    """One orbit of each branch by itself."""
+    faults = []
+    for branch in found:
+        points = branch.points
+        is_plain = points["is_admissible"].values & (points["bifurcation"].values == "")
+        is_fair = is_plain & (np.abs(points["multipliers"].values[:, 0]) < UNSTABLE)
+        for row in np.flatnonzero(is_fair)[len(points["point"]) // 3 :][:1]:
+            faults += [(f"branch: {name}", x) for name, x in orbit_faults(shape, own, branch.orbit(int(row)))]
+    return faults

@@ -1,0 +1,96 @@
+"""Checks on periodic orbits of random machines: their closing, multipliers and exponents, and the same from another phase."""
+
+import numpy as np
+
+import vijax as vx
+
+from .machines import Shape, machine, own_numbers
+from .motions import MOST_STEPS, ROOM, Failure
+
+# Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
+SETTLED, NEARLY = 300, 1e-4
+# Orbits that are found again from another phase, in periods, and the relative difference of their multipliers.
+FEW, PHASE, ANY_PHASE = 8, 0.3, 1e-6
+# Largest multiplier of an orbit that a run repeats.
+UNSTABLE = 100.0
+
+
+def check_orbits(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> list[Failure]:
+    """Orbits of some lanes: their closing and their multipliers; of a few the same from another phase, and exponents."""
+    found = [
+        (k, fault) for k, orbit in orbits.items() for fault in orbit_faults(shape, own_numbers(a, k), orbit)
+    ]
+    found += [(k, fault) for k, orbit in list(orbits.items())[:FEW] for fault in _other_ways(orbit)]
+    return [Failure(name, k, excess) for k, (name, excess) in found]
+
+
+def _other_ways(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
+    """The orbit from another phase of the load, and the sum of its Lyapunov exponents."""
+    system, n, found = orbit.system, int(orbit.num_periods), []
+    multipliers = np.sort(np.abs(np.asarray(orbit.multipliers)))
+    period = float(system.forcing.period)
+    if multipliers[-1] > UNSTABLE:
+        return []
+    sol = vx.simulate(system, 0.0, PHASE * period, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
+    other = vx.periodic_orbit(system, sol.x1, sol.v1, n, phase=2 * np.pi * PHASE, throw=False)
+    away = np.abs(np.sort(np.abs(np.asarray(other.multipliers))) - multipliers).max() / max(
+        1.0, multipliers[-1]
+    )
+    if not (bool(other.is_admissible) and away <= ANY_PHASE):
+        found.append(("orbit from another phase", float(away / ANY_PHASE)))
+    if 1e-6 < multipliers[0] and multipliers[-1] < 1:
+        exponents = vx.lyapunov_exponents(
+            system, orbit.x0, orbit.v0, transient=0, num_periods=4 * n, throw=False, progress=False
+        )
+        expected = np.log(multipliers).sum() / (n * period)
+        away = abs(float(np.sum(np.asarray(exponents))) - expected) / (ANY_PHASE * (1 + abs(expected)))
+        if not away <= 1:
+            found.append(("sum of the exponents", away))
+    return found
+
+
+def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.PeriodicOrbit]:
+    """Orbits of those among a few driven machines that settle to a period."""
+    found = {}
+    for k in lanes if shape.is_driven else []:
+        system = machine(shape, own_numbers(a, k))
+        period = 2 * np.pi / float(a["frequency"][k])
+        ts = period * (SETTLED + np.arange(5))
+        start = a["x0"][k], a["v0"][k]
+        sol = vx.simulate(
+            system, 0.0, ts[-1], *start, ts=ts, max_events=ROOM, max_steps=10 * MOST_STEPS, throw=False
+        )
+        states = np.concatenate([sol.xs, sol.vs], axis=1)
+        away = np.abs(states[1:] - states[0]).max(axis=1) / (np.abs(states[0]).max() + 1e-12)
+        if not (away < NEARLY).any():
+            continue
+        n = 1 + int(np.argmax(away < NEARLY))
+        orbit = vx.periodic_orbit(
+            system, states[0, : shape.masses], states[0, shape.masses :], n, throw=False
+        )
+        if bool(orbit.is_admissible) and float(orbit.residual) < 1e-9:
+            found[k] = orbit
+    return found
+
+
+def orbit_faults(shape: Shape, own: dict, orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
+    """Names of the checks that an orbit fails, and by how much."""
+    end = float(orbit.num_periods) * float(orbit.system.forcing.period)
+    sol = vx.simulate(orbit.system, 0.0, end, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
+    start, last = (np.concatenate(pair) for pair in ((orbit.x0, orbit.v0), (sol.x1, sol.v1)))
+    multipliers = np.asarray(orbit.multipliers)
+    largest = max(1.0, float(np.abs(multipliers).max()))
+    moved = np.concatenate([orbit.progression, np.zeros(shape.masses)])
+    lack, size = np.abs(last - start - moved).max(), 1e-9 * largest * (np.abs(start).max() + 1e-3)
+    found = [] if lack <= size else [("closing of an orbit", float(lack / size))]
+    kinds = np.asarray(sol.events.kind[: int(sol.num_events)])
+    is_held = bool(np.asarray(sol.stuck1).any())
+    if is_held or shape.is_switching or shape.is_moving or (kinds != vx.IMPACT).any():
+        return found
+    # Liouville: a flight loses volume by the damper, an impact by the square of its restitution.
+    mass = own["mass"] if shape.is_full else np.diag(own["mass"])
+    loss = -np.trace(np.linalg.solve(mass, np.asarray(orbit.system.damping))) * end
+    r = np.concatenate([own["restitution"], own["contact_restitution"]])
+    volume = np.exp(loss) * np.prod(r[np.asarray(sol.events.stop[: len(kinds)])] ** 2)
+    error = abs(np.prod(multipliers) - volume) / (1e-8 * largest ** len(multipliers))
+    return found if error <= 1 else [*found, ("product of the multipliers", float(error))]
