@@ -103,6 +103,25 @@ def test_an_undamped_oscillator_has_the_exponent_found_by_others():
     assert abs(float(found[0]) - 0.1415) < 3 * float(error[0]) < 6e-3
 
 
+@pytest.mark.thorough
+def test_where_forces_switch_their_sum_is_that_of_the_multipliers():
+    """A mass that slides both ways, and pushes on a preloaded cushion: at both events its acceleration jumps."""
+    system = vx.ImpactSystem(
+        [0.184],
+        [[0.132]],
+        [[0.7]],
+        vx.Harmonic([0.624], 2.14, [5.34]),
+        [vx.CompliantStop(0, -0.474, "lower", stiffness=24.8, preload=0.05)],
+        friction=[vx.Friction({0: 1.0}, 0.123)],
+    )
+    orbit = vx.periodic_orbit(system, [0.27], [0.95])
+    log = vx.simulate(system, 0.0, system.forcing.period, orbit.x0, orbit.v0).events.kind
+    assert {vx.TURN, vx.CLOSE} <= set(log.tolist())
+    exact = np.log(np.abs(orbit.multipliers)).sum() / float(system.forcing.period)
+    exponents = vx.lyapunov_exponents(system, orbit.x0, orbit.v0, transient=0, num_periods=8, progress=False)
+    assert float(np.sum(exponents)) == pytest.approx(exact, rel=1e-10)
+
+
 @pytest.mark.slow
 def test_the_error_is_the_scatter_of_starts():
     starts = np.linspace(-1.0, -0.5, 200)
