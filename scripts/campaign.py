@@ -41,7 +41,7 @@ def play(number: int, machines: int, most_masses: int, families: int = FAMILIES)
     failures += check_orbits(shape, numbers, orbits)
     counts = Counter(orbits=len(orbits))
     for k in range(min(machines, families) if number % 4 == 3 and shape.is_driven else 0):
-        faults, own = check_family(shape, own_numbers(numbers, k))
+        faults, own = check_family(shape, own_numbers(numbers, k), rng)
         failures += [Failure(name, k, excess) for name, excess in faults]
         counts += own
     return {

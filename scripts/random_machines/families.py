@@ -9,15 +9,15 @@ import xarray as xr
 
 import vijax as vx
 
-from .machines import Shape, machine
-from .motions import MOST_STEPS, gaps, is_endless
+from .machines import Shape, in_other_units, machine, own_numbers
+from .motions import MOST_STEPS, UNITS, gaps, is_endless
 from .orbits import UNSTABLE, orbit_faults
 
 FREQUENCY = "forcing.frequency"
 # Frequencies of a sweep, their relative range, and the number of orbits from which branches are followed.
 POINTS, AROUND, STARTS = 2048, 0.25, 64
-# Most points and branches of a machine, and orbits of branches that are run.
-MOST_POINTS, MOST_BRANCHES, ROWS = 2000, 12, 256
+# Most points and branches of a machine, most impacts of an orbit that starts one, and orbits of branches that are run.
+MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 1000, 8, 30, 256
 # Most periods of an orbit that is run, and relative error of one that closes, of multipliers, and of places.
 LONGEST, CLOSED, SAME = 8, 1e-9, 1e-8
 # Relative disturbances of orbits, one of which shows what an orbit does: the basin of a stable one may be small, and an
@@ -46,33 +46,48 @@ class Rows(NamedTuple):
     multipliers: np.ndarray
 
 
-def check_family(shape: Shape, own: dict) -> tuple[list[Fault], Counter]:
+def check_family(shape: Shape, own: dict, rng: np.random.Generator) -> tuple[list[Fault], Counter]:
     """Sweep a driven machine over its frequency, follow its branches, and check all of it."""
     system, frequency = machine(shape, own), float(own["frequency"])
     values = frequency * np.linspace(1 - AROUND, 1 + AROUND, POINTS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ds = vx.sweep(
-            system, {FREQUENCY: values}, v0=own["v0"], transient=100, max_steps=MOST_STEPS, progress=False
-        )
-        orbits = vx.periodic_orbits(ds, progress=False)
-        found, again = _branches(orbits, values), _branches(orbits, values, backwards=True)
-        faults = _codes(shape, own, system, ds) + _penetration(shape, own, ds) + _side(shape, ds)
-        faults += _volume(shape, own, ds, orbits) + _ends(found) + _other_ends(found, again)
+        ds, orbits = _swept(system, values, own["v0"])
+        found = _branches(orbits, values)
+        again = _branches_in_other_units(shape, own, values, rng)
+        faults = _codes(own, system, ds) + _penetration(shape, own, ds) + _side(shape, ds)
+        faults += _volume(shape, own, ds, orbits) + _ends(found) + _other_ends(found, *again)
         settled = _rows_of_sweep(ds, orbits)
         cycles = _run(system, settled, settled.v, 0)
-        faults += _closing("sweep", settled, cycles) + _on_branches(settled, cycles, found)
-        rows = _rows_of_branches([*found, *again])
+        faults += _closing("sweep", settled, cycles) + _on_branches(settled, cycles, orbits, found)
+        rows = _rows_of_branches(found)
         if len(rows.values):
             faults += _closing("branch", rows, _run(system, rows, rows.v, 0)) + _attraction(system, rows)
             faults += _single(shape, own, found)
     counts = Counter(
-        swept=POINTS + (4 * ROWS + POINTS if len(rows.values) else POINTS),
-        orbits=int(orbits["converged"].sum()),
-        branches=len(found) + len(again),
-        points=sum(map(len, [*found, *again])),
+        swept=3 * POINTS + (3 * ROWS if len(rows.values) else 0),
+        orbits=2 * int(orbits["converged"].sum()),
+        branches=len(found) + len(again[0]),
+        points=sum(map(len, [*found, *again[0]])),
     )
     return faults, counts
+
+
+def _swept(system: vx.ImpactSystem, values: np.ndarray, v0: np.ndarray) -> tuple[xr.Dataset, xr.Dataset]:
+    """A sweep and its orbits."""
+    ds = vx.sweep(system, {FREQUENCY: values}, v0=v0, transient=100, max_steps=MOST_STEPS, progress=False)
+    return ds, vx.periodic_orbits(ds, progress=False)
+
+
+def _branches_in_other_units(
+    shape: Shape, own: dict, values: np.ndarray, rng: np.random.Generator
+) -> tuple[list[vx.Branch], float]:
+    """Branches of the machine in other units, from its orbits in the reverse order; and the unit of frequencies."""
+    mass, length, time = 2.0 ** rng.integers(-UNITS, UNITS + 1, (3, 1))
+    other = own_numbers(in_other_units({name: a[None] for name, a in own.items()}, mass, length, time), 0)
+    its_values = values / time
+    _, orbits = _swept(machine(shape, other), its_values, other["v0"])
+    return _branches(orbits, its_values, backwards=True), 1 / float(time[0])
 
 
 def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False) -> list[vx.Branch]:
@@ -80,7 +95,8 @@ def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False
     n, impacts = orbits["num_periods"].values, orbits["num_impacts"].values
     is_other = np.append(True, (np.diff(n) != 0) | (np.diff(impacts, axis=0) != 0).any(axis=1))
     is_start = is_other | (np.arange(len(n)) % (POINTS // STARTS) == 0)
-    which = np.flatnonzero(is_start & orbits["converged"].values)[: 2 * STARTS]
+    is_short = orbits["num_impacts"].values.sum(axis=1) <= MOST_IMPACTS
+    which = np.flatnonzero(is_start & is_short & orbits["converged"].values)[: 2 * STARTS]
     if not len(which):
         return []
     return vx.branches(
@@ -92,7 +108,7 @@ def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False
     )
 
 
-def _codes(shape: Shape, own: dict, system: vx.ImpactSystem, ds: xr.Dataset) -> list[Fault]:
+def _codes(own: dict, system: vx.ImpactSystem, ds: xr.Dataset) -> list[Fault]:
     """Result codes of a sweep; points that ran out of steps have another try with those that the library allows."""
     names = ds["result"].attrs["flag_meanings"].split()
     codes = np.array(names)[np.searchsorted(ds["result"].attrs["flag_values"], ds["result"].values)]
@@ -237,14 +253,14 @@ def _ends(found: list[vx.Branch]) -> list[Fault]:
     return [(f"branch ends: {end}", 1.0) for end in sorted(ends - ENDS - kinds)]
 
 
-def _other_ends(found: list[vx.Branch], again: list[vx.Branch]) -> list[Fault]:
-    """Branches from other starts are the same, in any order."""
+def _other_ends(found: list[vx.Branch], again: list[vx.Branch], unit: float) -> list[Fault]:
+    """Branches from other starts and in other units are the same, in any order."""
     if _is_cut(found) or _is_cut(again):
         return []
     # Of infinitely many grazings towards a completion of chatter a branch has the first ones, from its start.
     one, other = (
-        [_outline(branch) for branch in own if "chatter_completion" not in branch.ends]
-        for own in (found, again)
+        [_outline(branch, size) for branch in own if "chatter_completion" not in branch.ends]
+        for own, size in ((found, 1.0), (again, unit))
     )
     alone = [own for own in one if not any(_is_same(own, its) for its in other)]
     alone += [its for its in other if not any(_is_same(own, its) for own in one)]
@@ -258,10 +274,10 @@ def _is_cut(found: list[vx.Branch]) -> bool:
     return is_short or len(found) >= MOST_BRANCHES or points >= MOST_POINTS
 
 
-def _outline(branch: vx.Branch) -> tuple[int, list[tuple[str, float]]]:
-    """Number of periods, and bifurcations of a branch sorted by their values."""
-    points = sorted((point.value, point.kind) for point in branch.bifurcations)
-    ends = sorted((float(branch.values[k]), end) for k, end in zip((0, -1), branch.ends, strict=True))
+def _outline(branch: vx.Branch, unit: float) -> tuple[int, list[tuple[str, float]]]:
+    """Number of periods, and bifurcations of a branch sorted by their values, in a unit."""
+    points = sorted((point.value / unit, point.kind) for point in branch.bifurcations)
+    ends = sorted((branch.values[k] / unit, end) for k, end in zip((0, -1), branch.ends, strict=True))
     return int(branch.points.attrs["num_periods"]), [(kind, value) for value, kind in points + ends]
 
 
@@ -274,11 +290,12 @@ def _is_same(one: tuple, other: tuple) -> bool:
     )
 
 
-def _on_branches(rows: Rows, cycles: np.ndarray, found: list[vx.Branch]) -> list[Fault]:
+def _on_branches(rows: Rows, cycles: np.ndarray, orbits: xr.Dataset, found: list[vx.Branch]) -> list[Fault]:
     """Every stable orbit of the sweep is on a branch: beside the chord of two of its points."""
     if _is_cut(found):
         return []
     is_stable = (rows.num_periods > 0) & (np.abs(rows.multipliers[:, 0]) < CLEARLY_STABLE)
+    is_stable &= orbits["num_impacts"].values.sum(axis=1) <= MOST_IMPACTS
     missed = [
         k
         for k in np.flatnonzero(is_stable & (rows.num_periods <= LONGEST))

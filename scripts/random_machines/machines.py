@@ -226,8 +226,8 @@ def mirrored(shape: Shape, a: dict) -> tuple[Shape, dict]:
     return shape._replace(stops=stops, cushions=cushions, contacts=contacts), {**a, **signs}
 
 
-def in_other_units(a: dict, mass: float, length: float, time: float) -> dict:
-    """The same machine in other units."""
+def in_other_units(a: dict, mass: np.ndarray, length: np.ndarray, time: np.ndarray) -> dict:
+    """The same machines in other units, (lanes,) each."""
     force = mass * length / time**2
     factors = {
         "mass": mass,
@@ -249,7 +249,11 @@ def in_other_units(a: dict, mass: float, length: float, time: float) -> dict:
         "x0": length,
         "v0": length / time,
     }
-    return {name: value * factors.get(name, 1.0) for name, value in a.items()}
+    ones = np.ones_like(mass)
+    return {
+        name: value * np.reshape(factors.get(name, ones), (-1,) + (1,) * (value.ndim - 1))
+        for name, value in a.items()
+    }
 
 
 def permuted(shape: Shape, a: dict, order: np.ndarray) -> tuple[Shape, dict]:

@@ -135,6 +135,55 @@ def test_other_units_give_the_same_motion_in_those_units(motion, time, length, m
     assert_same(scaled, motion, time=time, length=length)
 
 
+@pytest.mark.parametrize("time", [1e5, 1e9])
+def test_a_mass_rests_on_its_stop_in_any_unit_of_time(time):
+    """Damping in proportion: the motion is one of modes, and one mode less while a mass rests."""
+    stiffness = np.array([[2.0, -1.0], [-1.0, 1.5]])
+
+    def end(time):
+        load = vx.Harmonic([0.1 / time**2, 0.0], 1.6 / time, mean=[-0.6 / time**2, 0.0])
+        stops = [vx.Stop(0, 0.0, "lower", 0.5)]
+        system = vx.ImpactSystem([1.0, 1.0], 0.01 / time * stiffness, stiffness / time**2, load, stops)
+        sol = vx.simulate(system, 0.0, 40 * time, [0.5, 0.0], max_events=LOG)
+        assert sol.stuck1[0]
+        return np.concatenate([sol.x1, sol.v1 * time])
+
+    np.testing.assert_allclose(end(time), end(1.0), rtol=0, atol=ROUNDING)
+
+
+def test_friction_ends_bounces_on_a_cushion_alike_in_small_units():
+    """Bounces fall below 1e-8, and go on: the pull on the mass is as small."""
+
+    def machine(length, time):
+        force = length / time**2
+        return vx.ImpactSystem(
+            [2.83138],
+            [[0.0186494 / time]],
+            [[1.98979 / time**2]],
+            vx.Harmonic([0.670464 * force], 1.15664 / time, [1.38459], [-0.422206 * force]),
+            [
+                vx.CompliantStop(
+                    0,
+                    -0.0435625 * length,
+                    "lower",
+                    stiffness=527.959 / time**2,
+                    damping=0.0609642 / time,
+                    preload=0.749068 * force,
+                )
+            ],
+            friction=[vx.Friction({0: 1.0}, 0.20317 * force, 0.396366 * force)],
+        )
+
+    one = vx.simulate(machine(1.0, 1.0), 0.0, 60.0, [0.0], [0.25], max_events=LOG)
+    length, time = 2.0**-7, 2.0**3
+    other = vx.simulate(
+        machine(length, time), 0.0, 60.0 * time, [0.0], [0.25 * length / time], max_events=LOG
+    )
+    assert one.num_events == other.num_events
+    np.testing.assert_array_equal(other.events.kind, one.events.kind)
+    np.testing.assert_allclose(other.events.t / time, one.events.t, rtol=ROUNDING)
+
+
 @pytest.mark.slow
 def test_a_motion_taken_up_again_from_its_end_goes_on_unchanged(motion):
     held = np.asarray([motion.contact_force(t).any() for t in TIMES])

@@ -103,8 +103,11 @@ def comes_to_rest(
 ) -> tuple[Bool[Array, "contacts ..."], Bool[Array, "contacts ..."]]:
     """Find preloaded contacts at d = 0 whose light bounces die out by friction, and that friction."""
     contacts, laws, direction = machine.contacts, machine.contacts.laws, state.mode.direction
-    still = float(jnp.finfo(state.x.dtype).eps) ** 0.5
-    is_still = jnp.abs(sliding_velocity(machine, state)) <= still
+    # Bounces of the speed u reach u^2 / (2 p), below the rounding of p / rate^2.
+    least = float(jnp.finfo(state.x.dtype).eps) ** 0.5
+    speed = jnp.abs(sliding_velocity(machine, state)) * machine.in_mode(state).rate
+    acceleration = jnp.abs(contacts.inverse_mass_times(machine.in_mode(state).total_force(state)))
+    is_still = speed <= least * contacts.size(acceleration)
     is_linked = contacts.compliance != 0
     bouncing = at_limit & is_still & (laws.preload > 0)
     rubs = (direction != 0) & is_still & (laws.force > 0) & jnp.any(is_linked & bouncing[None], axis=1)
@@ -119,6 +122,7 @@ def comes_to_rest(
     _, pull = jax.lax.scan(pulls, None, both)
     load = diagonal(hold.inertia)[None] * pull
     is_ending = bouncing & (jnp.min(load, axis=0) > 0) & (jnp.max(load, axis=0) < laws.preload)
+    is_ending = is_ending & (speed <= least * jnp.min(pull, axis=0))
     return is_ending, rubs & jnp.any(is_linked & is_ending[None], axis=1)
 
 
