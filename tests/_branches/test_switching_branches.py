@@ -133,3 +133,16 @@ def test_the_period_of_a_vibration_with_one_contact_doubles():
     branch = branch_of(cushioned(0.83, 0.7 * doubling**2), 400, (0.81, 0.85))
     values = [point.value for point in branch.bifurcations if point.kind == "pd"]
     assert min(abs(np.array(values) - doubling)) < LOCATED
+
+
+@pytest.mark.slow
+def test_a_branch_passes_the_onset_of_sticking_beside_a_chatter():
+    """Between two stops, with bounces down to rounding on one of them: their number changes along the branch."""
+    stops = [vx.Stop(0, 0.0850659, "upper", 0.232149), vx.Stop(0, -0.337212, "lower", 0.511498)]
+    rubs = [vx.Friction(0, 0.0553984)]
+    load = vx.Harmonic([1.66272], 1.55, [0.656139])
+    system = vx.ImpactSystem([0.36812], [[2.53786]], [[9.08557]], load, stops, friction=rubs)
+    branch = branch_of(system, 100, (1.2, 1.6))
+    assert branch.ends == ("bounds", "bounds")
+    assert [point.kind for point in branch.bifurcations] == ["crossing_sliding"]
+    assert all_are_followed(branch)

@@ -174,7 +174,7 @@ def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
     for ds in _TRIALS:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
-        new = yield from with_simulated_bounces(event._replace(place=guess), followed._replace(is_alike=True))
+        new = yield from _on_simulated_events(event._replace(place=guess), followed)
         simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
         if simulated.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
@@ -229,6 +229,12 @@ def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> Ker
     more = num_events - len(point.sequence.kind)
     if not followed.is_alike or more == 0 or (is_light and more > 0):
         return point
+    return (yield from _on_simulated_events(point, followed))
+
+
+def _on_simulated_events(point: BranchPoint, followed: SimulatedMotion) -> KernelRequests:
+    """The point with the events of the machine; itself if no cycle near it has them."""
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence = trimmed(followed.sequence, num_events)
     place = point.place._replace(flights=followed.flights[:num_events])
     # The weights leave out the flights, whose number changes with the bounces.

@@ -8,6 +8,7 @@ until all agree: a linear complementarity problem with bounds on both sides, sol
 
 An element whose row depends on those of elements before it carries no force while these hold, and is kept closed by
 them. So a rigid contact takes the load off friction along its row until it would have to pull, and only then does friction.
+A stop that moves carries such an element with it: friction on its mass slips.
 """
 
 from typing import NamedTuple
@@ -190,19 +191,23 @@ def _beyond(
     along = jnp.where(jnp.abs(along) <= small, 0, along)
     most = jnp.where(are(RIGID), jnp.inf, jnp.where(are(FRICTION), laws.grip, laws.preload))
     least = jnp.where(are(FRICTION), -laws.grip, 0)
-    idle = contacts.is_redundant(hold)
-    is_inside = holds & ~idle & (reaction < most - slack) & (reaction > least + slack)
+    redundant = contacts.is_redundant(hold)
+    is_carried = redundant & jnp.where(are(RIGID), along < 0, along != 0)
+    if contacts.walls is None:
+        is_carried = jnp.zeros_like(redundant)
+    is_inside = holds & ~redundant & (reaction < most - slack) & (reaction > least + slack)
     # Rounding errors open no contact. Friction beyond its grip slips, by however little.
     slack = jnp.where(are(FRICTION), 0, slack)
     above, below = reaction > most + slack, reaction < least - slack
-    too_far = holds & ~idle & (above | below)
+    too_far = (holds & ~redundant & (above | below)) | is_carried
+    above = jnp.where(is_carried, along > 0, above)
     turned = jnp.where(above, jnp.int8(1), jnp.where(are(FRICTION), jnp.int8(-1), jnp.int8(0)))
     # An open contact that closes; friction, or a contact that yields, that moves against its push.
     returns = ~holds & jnp.where(push == 0, along > 0, push * along < 0)
     share = product(contacts.compliance, hold.inertia)
-    is_doubtful = holds & ~idle & ~is_inside
+    is_doubtful = holds & ~redundant & ~is_inside
     is_let_down = jnp.any((jnp.abs(share) > noise) & is_doubtful[None], axis=1)
-    return _Beyond(too_far, turned, returns, along, idle, is_inside, is_let_down)
+    return _Beyond(too_far, turned, returns, along, redundant & ~is_carried, is_inside, is_let_down)
 
 
 def _decision(
