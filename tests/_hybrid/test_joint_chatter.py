@@ -55,3 +55,21 @@ def test_joint_chatter_ends_as_its_ever_smaller_bounces_do(machine, found):
     sticks = [event for event in log_of(sol) if event.kind == "stick"]
     assert sorted(stick.stop for stick in sticks) == [0, 1]
     assert max(abs(stick.t - limit.t) for stick in sticks) < LAST_BOUNCES
+
+
+@pytest.mark.parametrize("name", ["stack of r = 0.6", "random machine 17"])
+def test_joint_chatter_ends_alike_in_a_machine_with_a_compliant_stop(name):
+    """The compliant stop is far away. Followed further, bounces of some machines shrink into the rounding of the gaps, and go on."""
+    given = MACHINES[name]
+    system, x0 = given.system, given.x0
+    far = vx.CompliantStop(0, -1e3, "lower", 1.0)
+    both = vx.ImpactSystem(
+        system.mass, system.damping, system.stiffness, system.forcing, [*system.stops, far]
+    )
+    one, other = (vx.simulate(own, 0.0, T1, x0, max_events=512) for own in (system, both))
+    assert np.asarray(other.stuck1)[:2].all()
+    assert other.num_events == one.num_events
+    np.testing.assert_allclose(other.x1, one.x1, rtol=0, atol=EXACT)
+    np.testing.assert_allclose(other.v1, one.v1, rtol=0, atol=EXACT)
+    sticks = [event.stop for event in log_of(other) if event.kind == "stick"]
+    assert sorted(sticks) == [0, 1]

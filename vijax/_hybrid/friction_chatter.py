@@ -57,14 +57,41 @@ def no_chatter(state: State) -> Chatter:
 
 
 def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatter:
-    """Find light bounces that are sure to end."""
-    contacts = machine.contacts
-    bouncing = instant.hit & is_light(instant.velocity_plus)
+    """Find light bounces that are sure to end: of linked contacts together if all of them do, otherwise of the hit ones."""
+    contacts, hit = machine.contacts, instant.hit
+    is_hit = hit & is_light(instant.velocity_plus)
+    is_free = contacts.is_rigid & ~hit & ~state.held & ~state.is_kept_closed
+    is_near = is_free & is_light(machine.approach(state)) & is_light(state.gap)
+    both = jnp.stack([is_hit | is_near, is_hit])
+    _, each = jax.lax.scan(lambda _, own: (None, _bounces(machine, state, instant, own)), None, both)
+    is_linked = jnp.any((contacts.compliance != 0) & is_hit[None], axis=1)
+    is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(each.completed[0] | ~both[0], axis=0)
+    completed, turns, duration = (jnp.where(is_joint, a[0], a[1]) for a in each)
+    in_motion = machine.in_mode(state)
+    is_met = ~is_joint & is_disturbed(in_motion, state, hit, completed, duration)
+    # Other friction that stops before they are over.
+    sliding = sliding_velocity(machine, state)
+    slides = contacts.are(FRICTION) & (state.mode.direction != 0)
+    time = jnp.max(jnp.where(completed, duration, 0), axis=0, initial=0.0)
+    pull = contacts.free_pull(in_motion.total_force(state), state.phase)
+    stops_first = slides & ~turns & (jnp.abs(sliding) <= time * jnp.abs(pull))
+    links = (contacts.compliance**2 > 0) & completed[None]
+    is_met = is_met | jnp.any(stops_first & jnp.any(links, axis=1), axis=0)
+    completed = completed & (~is_met | is_negligible(in_motion, state, jnp.abs(instant.velocity_plus)))
+    duration = jnp.where(completed, duration, 0)
+    stops = turns & jnp.any((contacts.compliance != 0) & completed[None], axis=1)
+    longest = jnp.max(duration, axis=0, initial=0.0)
+    return Chatter(completed, stops, jnp.where(stops, longest, duration))
+
+
+def _bounces(machine: Machine, state: State, instant: Instant, bouncing: Array) -> Chatter:
+    """Those of some contacts whose light bounces are sure to end while the others hold, and the friction that they turn."""
+    contacts, hit, approach = machine.contacts, instant.hit, machine.approach(state)
     # Friction that the bounces turn: as light as they are, and along the same motion. It slides on where all slide together.
     square, own = contacts.compliance**2, diagonal(contacts.compliance)
-    links = (square > 0) & bouncing[None]
-    is_parallel = links & (square >= (1 - _PARALLEL) * own[:, None] * own[None])
-    most = _TURNED * jnp.max(jnp.where(is_parallel, jnp.abs(instant.velocity_plus)[None], 0), axis=1)
+    is_parallel = (square > 0) & bouncing[None] & (square >= (1 - _PARALLEL) * own[:, None] * own[None])
+    first = jnp.abs(jnp.where(hit, instant.velocity_plus, approach))
+    most = _TURNED * jnp.max(jnp.where(is_parallel, first[None], 0), axis=1)
     sliding, direction = sliding_velocity(machine, state), state.mode.direction
     slides = contacts.are(FRICTION) & (direction != 0)
     turns = slides & is_light(sliding) & (jnp.abs(sliding) <= most)
@@ -75,27 +102,20 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
         return None, _pulls(machine, eqx.tree_at(lambda s: s.mode.direction, state, direction), hold)
 
     _, ((away, fall), (_, fall_rate)) = jax.lax.scan(pulls, None, both)
-    speed, restitution = jnp.abs(instant.velocity_plus), contacts.light_restitution
+    # Of a contact that is not hit, the speed of its next impact.
+    next_speed = jnp.sqrt(approach**2 + 2 * jnp.maximum(fall * state.gap, 0))
+    speed = jnp.where(hit, jnp.abs(instant.velocity_plus), next_speed)
     is_falling = (fall > 0) & (away > 0)
     up, down = (jnp.where(is_falling, a, 1) for a in (away, fall))
-    loss = 1 - restitution * jnp.sqrt(down / up)
+    loss = 1 - contacts.light_restitution * jnp.sqrt(down / up)
     is_ending = is_falling & (loss > 0)
     duration = speed * (1 / up + 1 / jnp.sqrt(up * down)) / jnp.where(is_ending, loss, 1)
     duration = jnp.where(is_ending, duration, jnp.inf)
     is_complete = chatter_is_complete(speed, fall, fall_rate, duration, machine.in_mode(state).rate)
-    completed = bouncing & is_complete
-    in_motion = machine.in_mode(state)
-    is_met = is_disturbed(in_motion, state, instant.hit, completed, duration)
-    # Other friction that stops before they are over.
-    time = jnp.max(jnp.where(completed, duration, 0), axis=0, initial=0.0)
-    pull = contacts.free_pull(in_motion.total_force(state), state.phase)
-    stops_first = slides & ~turns & (jnp.abs(sliding) <= time * jnp.abs(pull))
-    is_met = is_met | jnp.any(stops_first & jnp.any(links & completed[None], axis=1), axis=0)
-    completed = completed & (~is_met | is_negligible(in_motion, state, speed))
-    duration = jnp.where(completed, duration, 0)
-    stops = turns & jnp.any((contacts.compliance != 0) & completed[None], axis=1)
-    longest = jnp.max(duration, axis=0, initial=0.0)
-    return Chatter(completed, stops, jnp.where(stops, longest, duration))
+    # A dependent row carries no force, and rests when the rows it depends on do.
+    is_spare = bouncing & contacts.is_redundant(hold) & is_light(speed)
+    completed = bouncing & (is_complete | (is_spare & jnp.any(bouncing & is_complete, axis=0)))
+    return Chatter(completed, turns, jnp.where(is_spare, 0, duration))
 
 
 def comes_to_rest(
