@@ -80,3 +80,20 @@ def test_a_motion_that_never_reaches_a_moving_contact_is_proved_quiet(margin):
     slowest = np.linalg.eigvals(first_order).real.max()
     # The section does not contain this contraction: it is from the proof.
     assert float(motions.contraction) == pytest.approx(np.exp(slowest * 2 * np.pi / FREQUENCY), rel=1e-12)
+
+
+def test_impacts_at_one_instant_end_at_the_rounding_of_velocities():
+    """A heavy mass crushes a light one against a stop that moves away: all end at the velocity of the stop."""
+    system = vx.ImpactSystem(
+        [8.81, 0.18],
+        [[0.0338, -0.00161], [-0.00161, 0.00833]],
+        [[4.96, -0.236], [-0.236, 1.22]],
+        vx.Harmonic([0.0, 0.902], 0.457, [2.77, 5.53], [0.0, -0.0534]),
+        [
+            vx.Stop(1, -0.288, "lower", 0.278, vx.Harmonic([0.144], 0.457)),
+            vx.Contact({0: 1.0, 1: -1.0}, 0.694, 0.611),
+            vx.Contact({1: 1.0, 0: -1.0}, 0.62, 0.611),
+        ],
+    )
+    sol = vx.simulate(system, 0.0, 60.0, v0=[2.29, 0.576], max_events=4096)
+    assert sol.num_events < 4096

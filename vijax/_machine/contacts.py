@@ -145,7 +145,7 @@ class Contacts(eqx.Module):
         size = size if self.walls is None else size + self.frequency * self.walls.bound(1)
         kind = jnp.finfo(size.dtype)
         # The floor stops speeds that fall by a factor at every impact before their squares underflow.
-        return 4 * kind.eps * size + kind.tiny**0.5 / kind.eps
+        return 16 * kind.eps * size + kind.tiny**0.5 / kind.eps
 
     def signed_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Impulse on the mass of a stop; for any other contact the impulse that opens its gap."""
