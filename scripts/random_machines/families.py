@@ -14,12 +14,13 @@ from .motions import MOST_STEPS, UNITS, gaps, is_endless
 from .orbits import UNSTABLE, orbit_faults
 
 FREQUENCY = "forcing.frequency"
-# Frequencies of a sweep, their relative range, and the number of orbits from which branches are followed.
-POINTS, AROUND, STARTS = 2048, 0.25, 64
+# Frequencies of a sweep, their relative range; branches are followed from every so many, and from so many orbits.
+POINTS, AROUND, EVERY, MOST_STARTS = 2048, 0.25, 32, 128
 # Most points and branches of a machine, most impacts of an orbit that starts one, and orbits of branches that are run.
-MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 1000, 8, 30, 256
-# Most periods of an orbit that is run, and relative error of one that closes, of multipliers, and of places.
-LONGEST, CLOSED, SAME = 8, 1e-9, 1e-8
+MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 500, 6, 12, 256
+# Most periods of an orbit that is run, and relative error of one that closes (some have 50 impacts), of multipliers, and of
+# places.
+LONGEST, CLOSED, SAME = 8, 1e-8, 1e-8
 # Relative disturbances of orbits, one of which shows what an orbit does: the basin of a stable one may be small, and an
 # unstable one may have a stable one beside it. Periods until those that attract are back, and the others have left.
 BESIDE, BACK = (1e-5, 1e-9), 100
@@ -56,7 +57,7 @@ def check_family(shape: Shape, own: dict, rng: np.random.Generator) -> tuple[lis
         found = _branches(orbits, values)
         again = _branches_in_other_units(shape, own, values, rng)
         faults = _codes(own, system, ds) + _penetration(shape, own, ds) + _side(shape, ds)
-        faults += _volume(shape, own, ds, orbits) + _ends(found) + _other_ends(found, *again)
+        faults += _volume(shape, own, ds, orbits) + _ends(found) + _other_ends(orbits, found, *again)
         settled = _rows_of_sweep(ds, orbits)
         cycles = _run(system, settled, settled.v, 0)
         faults += _closing("sweep", settled, cycles) + _on_branches(settled, cycles, orbits, found)
@@ -93,12 +94,8 @@ def _branches_in_other_units(
 
 
 def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False) -> list[vx.Branch]:
-    """Branches through some of the orbits, also from those where another kind of orbit begins."""
-    n, impacts = orbits["num_periods"].values, orbits["num_impacts"].values
-    is_other = np.append(True, (np.diff(n) != 0) | (np.diff(impacts, axis=0) != 0).any(axis=1))
-    is_start = is_other | (np.arange(len(n)) % (POINTS // STARTS) == 0)
-    is_short = orbits["num_impacts"].values.sum(axis=1) <= MOST_IMPACTS
-    which = np.flatnonzero(is_start & is_short & orbits["converged"].values)[: 2 * STARTS]
+    """Branches through some of the orbits."""
+    which = _starts(orbits)[:MOST_STARTS]
     if not len(which):
         return []
     return vx.branches(
@@ -108,6 +105,15 @@ def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False
         max_branches=MOST_BRANCHES,
         progress=False,
     )
+
+
+def _starts(orbits: xr.Dataset) -> np.ndarray:
+    """Orbits at some frequencies, and where another kind of orbit begins."""
+    n, impacts = orbits["num_periods"].values, orbits["num_impacts"].values
+    is_other = np.append(True, (np.diff(n) != 0) | (np.diff(impacts, axis=0) != 0).any(axis=1))
+    is_start = is_other | (np.arange(len(n)) % EVERY == 0)
+    is_short = impacts.sum(axis=1) <= MOST_IMPACTS
+    return np.flatnonzero(is_start & is_short & orbits["converged"].values)
 
 
 def _codes(own: dict, system: vx.ImpactSystem, ds: xr.Dataset) -> list[Fault]:
@@ -255,9 +261,11 @@ def _ends(found: list[vx.Branch]) -> list[Fault]:
     return [(f"branch ends: {end}", 1.0) for end in sorted(ends - ENDS - kinds)]
 
 
-def _other_ends(found: list[vx.Branch], again: list[vx.Branch], unit: float) -> list[Fault]:
+def _other_ends(
+    orbits: xr.Dataset, found: list[vx.Branch], again: list[vx.Branch], unit: float
+) -> list[Fault]:
     """Branches from other starts and in other units are the same, in any order."""
-    if _is_cut(found) or _is_cut(again):
+    if _is_cut(found) or _is_cut(again) or len(_starts(orbits)) > MOST_STARTS:
         return []
     # Of infinitely many grazings towards a completion of chatter a branch has the first ones, from its start.
     one, other = (
@@ -294,7 +302,7 @@ def _is_same(one: tuple, other: tuple) -> bool:
 
 def _on_branches(rows: Rows, cycles: np.ndarray, orbits: xr.Dataset, found: list[vx.Branch]) -> list[Fault]:
     """Every stable orbit of the sweep is on a branch: beside the chord of two of its points."""
-    if _is_cut(found):
+    if _is_cut(found) or len(_starts(orbits)) > MOST_STARTS:
         return []
     is_stable = (rows.num_periods > 0) & (np.abs(rows.multipliers[:, 0]) < CLEARLY_STABLE)
     is_stable &= orbits["num_impacts"].values.sum(axis=1) <= MOST_IMPACTS
