@@ -184,6 +184,34 @@ def test_friction_ends_bounces_on_a_cushion_alike_in_small_units():
     np.testing.assert_allclose(other.events.t / time, one.events.t, rtol=ROUNDING)
 
 
+@pytest.mark.parametrize("has_friction", [False, True])
+def test_a_mass_sticks_to_one_of_two_stops_in_lengths_of_a_millionth(has_friction):
+    """Gaps are as small as bounces are light, in those units: the other stop is not near for all that."""
+
+    def kinds(size):
+        stops = [
+            vx.Stop(0, 0.2 * size, "upper", 0.5),
+            vx.Stop(0, -0.2 * size, "lower", 0.5),
+            vx.Contact({0: 1.0, 1: -1.0}, 5.0 * size, 0.5),
+        ]
+        # Lengths and times are both scaled: velocities are the same.
+        load = vx.Harmonic([1.0 / size, 0.0], 0.2 / size)
+        friction = [vx.Friction({1: 1.0}, 0.1 / size)] if has_friction else []
+        matrix = np.eye(2)
+        system = vx.ImpactSystem(
+            [1.0, 1.0], 0.1 / size * matrix, matrix / size**2, load, stops, friction=friction
+        )
+        sol = vx.simulate(system, 0.0, 40.0 * size, v0=[0.0, 0.3], max_events=LOG)
+        count = int(sol.num_events)
+        return [
+            (int(k), int(j)) for k, j in zip(sol.events.kind[:count], sol.events.stop[:count], strict=True)
+        ]
+
+    expected = kinds(1.0)
+    assert (vx.STICK, 0) in expected
+    assert kinds(2.0**-26) == expected
+
+
 @pytest.mark.slow
 def test_a_motion_taken_up_again_from_its_end_goes_on_unchanged(motion):
     held = np.asarray([motion.contact_force(t).any() for t in TIMES])

@@ -31,6 +31,7 @@ from .sticking import (
     chatter_time,
     is_disturbed,
     is_light,
+    is_nearly_hit,
     is_negligible,
     is_pressed,
     usual_speeds,
@@ -184,9 +185,8 @@ def _complete_chatter(
     Light bounces of linked contacts together if all of them complete; otherwise those of each hit contact.
     """
     contacts, hit = machine.contacts, instant.hit
-    approach = machine.approach(state)
     is_hit = hit & is_light(instant.velocity_plus)
-    is_near = ~hit & ~state.held & ~state.is_kept_closed & is_light(approach) & is_light(state.gap)
+    is_near = ~hit & is_nearly_hit(machine, state)
     both = jnp.stack([is_hit | is_near, is_hit])
     end = lambda _, bouncing: (None, _chatter_completion(machine, state, instant, bouncing))  # noqa: E731
     _, (is_complete, durations) = jax.lax.scan(end, None, both)

@@ -26,7 +26,7 @@ from .._machine.small_matrices import diagonal
 from .._machine.state import State
 from .._machine.switching import FRICTION
 from .friction_limits import sliding_velocity
-from .sticking import chatter_is_complete, is_disturbed, is_light, is_negligible
+from .sticking import chatter_is_complete, is_disturbed, is_light, is_nearly_hit, is_negligible
 from .transition import Instant
 
 # Largest velocity of sliding, relative to that of the bounces, that they turn: the forces change it by some tens of the
@@ -60,14 +60,13 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
     """Find light bounces that are sure to end: of linked contacts together if all of them do, otherwise of the hit ones."""
     contacts, hit = machine.contacts, instant.hit
     is_hit = hit & is_light(instant.velocity_plus)
-    is_free = contacts.is_rigid & ~hit & ~state.held & ~state.is_kept_closed
-    is_near = is_free & is_light(machine.approach(state)) & is_light(state.gap)
+    in_motion = machine.in_mode(state)
+    is_near = ~hit & is_nearly_hit(in_motion, state)
     both = jnp.stack([is_hit | is_near, is_hit])
     _, each = jax.lax.scan(lambda _, own: (None, _bounces(machine, state, instant, own)), None, both)
     is_linked = jnp.any((contacts.compliance != 0) & is_hit[None], axis=1)
     is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(each.completed[0] | ~both[0], axis=0)
     completed, turns, duration = (jnp.where(is_joint, a[0], a[1]) for a in each)
-    in_motion = machine.in_mode(state)
     is_met = ~is_joint & is_disturbed(in_motion, state, hit, completed, duration)
     # Other friction that stops before they are over.
     sliding = sliding_velocity(machine, state)

@@ -112,6 +112,17 @@ def is_light(velocity: Float[Array, "stops ..."]) -> Bool[Array, "stops ..."]:
     return jnp.abs(velocity) <= _light(velocity)
 
 
+def is_nearly_hit(machine: Machine, state: State) -> Bool[Array, "stops ..."]:
+    """Flags of open contacts whose gap and speed are as light as the bounces of others."""
+    contacts, approach = machine.contacts, machine.approach(state)
+    is_open = contacts.is_rigid & ~state.held & ~state.is_kept_closed
+    is_small = is_light(approach) & is_light(state.gap)
+    # In any unit: against what the forces do within a radian of the fastest motion.
+    pull = contacts.size(jnp.abs(contacts.inverse_mass_times(machine.total_force(state))))
+    rate, most = machine.rate, _light(approach) * pull
+    return is_open & is_small & (jnp.abs(approach) * rate <= most) & (state.gap * rate * rate <= most)
+
+
 def is_negligible(
     machine: Machine, state: State, velocity: Float[Array, "stops ..."]
 ) -> Bool[Array, "stops ..."]:
