@@ -48,23 +48,6 @@ def test_it_tips_over_two_legs_once_its_load_is_beyond_them():
 
 
 @pytest.mark.slow
-def test_a_mass_in_a_slot_without_clearance_rests_however_its_force_turns():
-    """The force, cos(2 t), passes from one wall to the other as it changes sign."""
-    slot = [vx.Contact({0: 1.0}, 0.0, 0.3), vx.Contact({0: -1.0}, 0.0, 0.6)]
-    system = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], vx.Harmonic([1.0], 2.0), slot)
-    sol = vx.simulate(system, 0.0, 6.0, max_events=64)
-    t = np.linspace(0.0, 6.0, 100)
-    np.testing.assert_allclose(sol.evaluate(t)[0], 0, atol=ROUNDING)
-    force = np.cos(2 * t)
-    expected = np.stack([np.maximum(force, 0), np.maximum(-force, 0)], 1)
-    np.testing.assert_allclose(sol.contact_force(t), expected, rtol=0, atol=ROUNDING)
-    turns = (0.5 + np.arange(4)) * np.pi / 2
-    log = log_of(sol)
-    assert sorted((e.kind, e.stop) for e in log[:2]) == [("release", 0), ("stick", 1)]
-    np.testing.assert_allclose([e.t for e in log], np.repeat(turns, 2), rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.slow
 def test_a_contact_that_is_told_thrice_is_that_contact():
     load = vx.Harmonic([0.8, 0.0], 1.1, mean=[0.0, 0.3])
     one = vx.Contact({0: -1.0, 1: 1.0}, 0.1, 0.6)
