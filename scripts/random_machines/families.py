@@ -17,7 +17,7 @@ FREQUENCY = "forcing.frequency"
 # Frequencies of a sweep, their relative range; branches are followed from every so many, and from so many orbits.
 POINTS, AROUND, EVERY, MOST_STARTS = 2048, 0.25, 32, 128
 # Most points and branches of a machine, most impacts of an orbit that starts one, and orbits of branches that are run.
-MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 500, 6, 12, 256
+MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 400, 6, 6, 256
 # Most periods of an orbit that is run, and relative error of one that closes (some have 50 impacts), of multipliers, and of
 # places.
 LONGEST, CLOSED, SAME = 8, 1e-8, 1e-8
@@ -267,14 +267,24 @@ def _other_ends(
     """Branches from other starts and in other units are the same, in any order."""
     if _is_cut(found) or _is_cut(again) or len(_starts(orbits)) > MOST_STARTS:
         return []
-    # Of infinitely many grazings towards a completion of chatter a branch has the first ones, from its start.
     one, other = (
-        [_outline(branch, size) for branch in own if "chatter_completion" not in branch.ends]
+        [_outline(branch, size) for branch in own if _is_whole(branch)]
         for own, size in ((found, 1.0), (again, unit))
     )
     alone = [own for own in one if not any(_is_same(own, its) for its in other)]
     alone += [its for its in other if not any(_is_same(own, its) for own in one)]
     return [("branch: from another start it differs", float(len(alone)))] if alone else []
+
+
+def _is_whole(branch: vx.Branch) -> bool:
+    """Whether a branch does not depend on the orbit from which it is followed.
+
+    Of infinitely many grazings towards a completion of chatter it has the first ones, from its start. Where an orbit of several
+    periods grazes, it may be a shorter one traversed several times: several branches meet there, and one is followed.
+    """
+    grazes = any(point.kind == "gr" for point in branch.bifurcations)
+    is_short = branch.points.attrs["num_periods"] == 1
+    return "chatter_completion" not in branch.ends and (is_short or not grazes)
 
 
 def _is_cut(found: list[vx.Branch]) -> bool:
