@@ -29,6 +29,8 @@ NEAR = 1e-6
 # Fall of the disturbance of a stable orbit that is demanded, and growth of that of an unstable one from where the growth is
 # expected to be at least its square.
 LESS, MORE = 1e-2, 1e2
+# Result codes with which nothing is wrong.
+ALLOWED = "successful", "max_impacts_reached"
 # Ends of branches with which nothing is wrong; the others are named by bifurcations that end a branch.
 ENDS = {"bounds", "closed", "max_points", "left_the_stops", "period_doubling"}
 # Motion that is stable by itself, by its largest multiplier.
@@ -118,21 +120,24 @@ def _starts(orbits: xr.Dataset) -> np.ndarray:
 
 def _codes(own: dict, system: vx.ImpactSystem, ds: xr.Dataset) -> list[Fault]:
     """Result codes of a sweep; points that ran out of steps have another try with those that the library allows."""
-    names = ds["result"].attrs["flag_meanings"].split()
-    codes = np.array(names)[np.searchsorted(ds["result"].attrs["flag_values"], ds["result"].values)]
-    failed = ~np.isin(codes, ("successful", "max_impacts_reached"))
+    codes = _result_names(ds)
+    failed = ~np.isin(codes, ALLOWED)
     if is_endless({name: a[None] for name, a in own.items()})[0]:
         failed &= codes != "max_steps_reached"
     longer = np.flatnonzero(failed & (codes == "max_steps_reached"))
     if len(longer):
-        again = vx.sweep(
-            system, {FREQUENCY: ds[FREQUENCY].values[longer]}, v0=own["v0"], transient=100, progress=False
-        )
-        failed[longer] = again["result"].values != 0
+        values = ds[FREQUENCY].values[longer]
+        again = vx.sweep(system, {FREQUENCY: values}, v0=own["v0"], transient=100, progress=False)
+        failed[longer] = ~np.isin(_result_names(again), ALLOWED)
     return [
         (f"sweep: {code}", float(count))
         for code, count in zip(*np.unique(codes[failed], return_counts=True), strict=True)
     ]
+
+
+def _result_names(ds: xr.Dataset) -> np.ndarray:
+    names = np.array(ds["result"].attrs["flag_meanings"].split())
+    return names[np.searchsorted(ds["result"].attrs["flag_values"], ds["result"].values)]
 
 
 def _penetration(shape: Shape, own: dict, ds: xr.Dataset) -> list[Fault]:
