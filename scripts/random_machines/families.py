@@ -10,7 +10,7 @@ import xarray as xr
 import vijax as vx
 
 from .machines import Shape, in_other_units, machine, own_numbers
-from .motions import MOST_STEPS, UNITS, gaps, is_endless
+from .motions import MOST_STEPS, gaps, is_endless
 from .orbits import UNSTABLE, orbit_faults
 
 FREQUENCY = "forcing.frequency"
@@ -29,6 +29,8 @@ NEAR = 1e-6
 # Fall of the disturbance of a stable orbit that is demanded, and growth of that of an unstable one from where the growth is
 # expected to be at least its square.
 LESS, MORE = 1e-2, 1e2
+# Units of branches are powers of two, up to this one and its inverse.
+OTHER_UNITS = 20
 # Result codes with which nothing is wrong.
 ALLOWED = "successful", "max_impacts_reached"
 # Ends of branches with which nothing is wrong; the others are named by bifurcations that end a branch.
@@ -87,7 +89,7 @@ def _branches_in_other_units(
 ) -> tuple[list[vx.Branch], float]:
     """Branches of the machine in other units, from its orbits in the reverse order; and the unit of frequencies."""
     # Bounces below a velocity of 1e-6 complete a chatter: with another unit of velocity orbits have more or fewer of them.
-    mass, time = 2.0 ** rng.integers(-UNITS, UNITS + 1, (2, 1))
+    mass, time = 2.0 ** rng.integers(-OTHER_UNITS, OTHER_UNITS + 1, (2, 1))
     length = time
     other = own_numbers(in_other_units({name: a[None] for name, a in own.items()}, mass, length, time), 0)
     its_values = values / time
@@ -146,7 +148,7 @@ def _penetration(shape: Shape, own: dict, ds: xr.Dataset) -> list[Fault]:
     ts = ds["forcing_period"].values[:, None] * (100 + 1 + np.arange(xs.shape[1]))
     least = np.nanmin(gaps(shape, lanes | {"frequency": values}, ts, xs))
     size = 1e-11 * (np.nanmax(np.abs(xs)) + 1.0)
-    return [] if least >= -size else [("sweep: penetration", float(-least / size))]
+    return [("sweep: penetration", float(-least / size))] if least < -size else []
 
 
 def _side(shape: Shape, ds: xr.Dataset) -> list[Fault]:

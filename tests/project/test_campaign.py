@@ -14,7 +14,7 @@ import campaign
 @pytest.mark.thorough
 @pytest.mark.parametrize("number", [3])
 def test_a_few_random_machines_obey_all_checks(number):
-    line = campaign.play(number, machines=4, most_masses=2)
+    line = campaign.play(number, machines=4, most_masses=2, families=1)
     assert line["compared"] > 0
     assert line["failures"] == []
 
