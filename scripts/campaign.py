@@ -15,7 +15,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from random_machines.families import check_family
+from random_machines.families import check_family, check_sweep
 from random_machines.machines import draw_numbers, draw_shape, own_numbers
 from random_machines.motions import Failure, check_alone, check_motions
 from random_machines.orbits import check_orbits, settled_orbits
@@ -28,7 +28,7 @@ ORBITS = 64
 FAMILIES = 4
 
 
-def play(number: int, machines: int, most_masses: int, families: int = FAMILIES) -> dict:
+def play(number: int, machines: int, most_masses: int, families: int = FAMILIES, sweeps: int = 0) -> dict:
     """One round: what it is, and what failed."""
     rng = np.random.default_rng([20261124, number])
     shape = draw_shape(rng, most_masses)
@@ -40,8 +40,9 @@ def play(number: int, machines: int, most_masses: int, families: int = FAMILIES)
     orbits = settled_orbits(shape, numbers, list(range(min(machines, ORBITS))))
     failures += check_orbits(shape, numbers, orbits)
     counts = Counter(orbits=len(orbits))
-    for k in range(min(machines, families) if number % 4 == 3 and shape.is_driven else 0):
-        faults, own = check_family(shape, own_numbers(numbers, k), rng)
+    for k in range(min(machines, max(families, sweeps)) if number % 4 == 3 and shape.is_driven else 0):
+        given = own_numbers(numbers, k)
+        faults, own = check_family(shape, given, rng) if k < families else check_sweep(shape, given)
         failures += [Failure(name, k, excess) for name, excess in faults]
         counts += own
     return {
@@ -80,6 +81,9 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
         default=FAMILIES,
         help="machines of every fourth round whose branches are followed",
     )
+    parser.add_argument(
+        "--sweeps", type=int, default=0, help="machines of every fourth round that are swept, if more"
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first round")
     parser.add_argument("--stride", type=int, default=1, help="step between the rounds of this process")
     parser.add_argument("--round", type=int, help="play this round alone, and print it")
@@ -92,7 +96,12 @@ def main() -> None:
     options = arguments()
     jax.config.update("jax_enable_x64", True)
     if options.round is not None:
-        print(json.dumps(play(options.round, options.machines, options.masses, options.families), indent=1))
+        print(
+            json.dumps(
+                play(options.round, options.machines, options.masses, options.families, options.sweeps),
+                indent=1,
+            )
+        )
         return
     options.out.mkdir(parents=True, exist_ok=True)
     tally = options.out / "tally.jsonl"
@@ -100,7 +109,7 @@ def main() -> None:
     done, number, until = {line["round"] for line in lines}, options.first, time.time() + 3600 * options.hours
     while time.time() < until:
         if number not in done:
-            lines.append(play(number, options.machines, options.masses, options.families))
+            lines.append(play(number, options.machines, options.masses, options.families, options.sweeps))
             with tally.open("a") as file:
                 file.write(json.dumps(lines[-1]) + "\n")
             print(summary(lines), flush=True)

@@ -51,31 +51,47 @@ class Rows(NamedTuple):
     multipliers: np.ndarray
 
 
-def check_family(shape: Shape, own: dict, rng: np.random.Generator) -> tuple[list[Fault], Counter]:
-    """Sweep a driven machine over its frequency, follow its branches, and check all of it."""
-    system, frequency = machine(shape, own), float(own["frequency"])
-    values = frequency * np.linspace(1 - AROUND, 1 + AROUND, POINTS)
+def check_sweep(shape: Shape, own: dict) -> tuple[list[Fault], Counter]:
+    """Sweep a driven machine over its frequency, and check the sweep and its orbits."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ds, orbits = _swept(system, values, own["v0"])
+        return _check_sweep(shape, own)[:2]
+
+
+def check_family(shape: Shape, own: dict, rng: np.random.Generator) -> tuple[list[Fault], Counter]:
+    """`check_sweep`, and check the branches through its orbits."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        faults, counts, orbits, cycles = _check_sweep(shape, own)
+        system, values = machine(shape, own), orbits[FREQUENCY].values
         found = _branches(orbits, values)
-        again = _branches_in_other_units(shape, own, values, rng)
-        faults = _codes(own, system, ds) + _penetration(shape, own, ds) + _side(shape, ds)
-        faults += _volume(shape, own, ds, orbits) + _ends(found) + _other_ends(orbits, found, *again)
-        settled = _rows_of_sweep(ds, orbits)
-        cycles = _run(system, settled, settled.v, 0)
-        faults += _closing("sweep", settled, cycles) + _on_branches(settled, cycles, orbits, found)
+        again, unit = _branches_in_other_units(shape, own, values, rng)
+        faults += _ends(found) + _other_ends(orbits, found, again, unit)
+        faults += _on_branches(cycles, orbits, found)
         rows = _rows_of_branches(found)
         if len(rows.values):
             faults += _closing("branch", rows, _run(system, rows, rows.v, 0)) + _attraction(system, rows)
             faults += _single(shape, own, found)
-    counts = Counter(
-        swept=3 * POINTS + (3 * ROWS if len(rows.values) else 0),
-        orbits=2 * int(orbits["converged"].sum()),
-        branches=len(found) + len(again[0]),
-        points=sum(map(len, [*found, *again[0]])),
+    counts += Counter(
+        swept=POINTS + (3 * ROWS if len(rows.values) else 0),
+        branches=len(found) + len(again),
+        points=sum(map(len, [*found, *again])),
     )
     return faults, counts
+
+
+def _check_sweep(shape: Shape, own: dict) -> tuple[list[Fault], Counter, xr.Dataset, np.ndarray]:
+    """Faults, numbers of points and orbits, the orbits, and their states after each period."""
+    system, frequency = machine(shape, own), float(own["frequency"])
+    values = frequency * np.linspace(1 - AROUND, 1 + AROUND, POINTS)
+    ds, orbits = _swept(system, values, own["v0"])
+    faults = _codes(own, system, ds) + _penetration(shape, own, ds) + _side(shape, ds)
+    faults += _volume(shape, own, ds, orbits)
+    rows = _rows_of_sweep(ds, orbits)
+    cycles = _run(system, rows, rows.v, 0)
+    faults += _closing("sweep", rows, cycles)
+    counts = Counter(swept=2 * POINTS, orbits=int(orbits["converged"].sum()))
+    return faults, counts, orbits, cycles
 
 
 def _swept(system: vx.ImpactSystem, values: np.ndarray, v0: np.ndarray) -> tuple[xr.Dataset, xr.Dataset]:
@@ -317,19 +333,20 @@ def _is_same(one: tuple, other: tuple) -> bool:
     )
 
 
-def _on_branches(rows: Rows, cycles: np.ndarray, orbits: xr.Dataset, found: list[vx.Branch]) -> list[Fault]:
+def _on_branches(cycles: np.ndarray, orbits: xr.Dataset, found: list[vx.Branch]) -> list[Fault]:
     """Every stable orbit of the sweep is on a branch: beside the chord of two of its points."""
     if _is_cut(found) or len(_starts(orbits)) > MOST_STARTS:
         return []
-    is_stable = (rows.num_periods > 0) & (np.abs(rows.multipliers[:, 0]) < CLEARLY_STABLE)
+    values, n = orbits[FREQUENCY].values, orbits["num_periods"].values
+    is_stable = (n > 0) & (np.abs(orbits["multipliers"].values[:, 0]) < CLEARLY_STABLE)
     is_stable &= orbits["num_impacts"].values.sum(axis=1) <= MOST_IMPACTS
     missed = [
         k
-        for k in np.flatnonzero(is_stable & (rows.num_periods <= LONGEST))
+        for k in np.flatnonzero(is_stable & (n <= LONGEST))
         if not any(
-            _is_on(branch, rows.values[k], cycles[k, : rows.num_periods[k]])
+            _is_on(branch, values[k], cycles[k, : n[k]])
             for branch in found
-            if branch.points.attrs["num_periods"] == rows.num_periods[k]
+            if branch.points.attrs["num_periods"] == n[k]
         )
     ]
     return [("sweep: an orbit is on no branch", float(len(missed)))] if missed else []
