@@ -259,6 +259,9 @@ def _momentum(shape: Shape, a: dict, begin: np.ndarray, end: np.ndarray) -> list
     momenta = np.einsum("bij,btj->bti", _matrices(shape, a), alone.vs)
     lack = np.abs(np.diff(momenta.sum(axis=2), axis=1)).max(axis=1)
     size = ROUNDING * np.abs(momenta).max(axis=(1, 2))
+    # Rows of the stiffness add up to zero but for rounding.
+    pull = np.abs(a["stiffness"]).max(axis=(1, 2)) * np.abs(alone.xs).max(axis=(1, 2))
+    size = size + 4 * shape.masses * np.finfo(float).eps * pull * (end - begin)
     is_sound = (alone.result == _code("successful")) & np.isfinite(alone.xs).all(axis=(1, 2))
     return [
         Failure("momentum", int(k), float(lack[k] / size[k]))
