@@ -14,6 +14,8 @@ from .motions import MOST_STEPS, gaps, is_endless
 from .orbits import UNSTABLE, orbit_faults
 
 FREQUENCY = "forcing.frequency"
+# Periods before the record of a sweep.
+TRANSIENT = 100
 # Frequencies of a sweep, their relative range; branches are followed from every so many, and from so many orbits.
 POINTS, AROUND, EVERY, MOST_STARTS = 2048, 0.25, 32, 128
 # Most points and branches of a machine, most impacts of an orbit that starts one, and orbits of branches that are run.
@@ -96,7 +98,9 @@ def _check_sweep(shape: Shape, own: dict) -> tuple[list[Fault], Counter, xr.Data
 
 def _swept(system: vx.ImpactSystem, values: np.ndarray, v0: np.ndarray) -> tuple[xr.Dataset, xr.Dataset]:
     """A sweep and its orbits."""
-    ds = vx.sweep(system, {FREQUENCY: values}, v0=v0, transient=100, max_steps=MOST_STEPS, progress=False)
+    ds = vx.sweep(
+        system, {FREQUENCY: values}, v0=v0, transient=TRANSIENT, max_steps=MOST_STEPS, progress=False
+    )
     return ds, vx.periodic_orbits(ds, progress=False)
 
 
@@ -145,7 +149,7 @@ def _codes(own: dict, system: vx.ImpactSystem, ds: xr.Dataset) -> list[Fault]:
     longer = np.flatnonzero(failed & (codes == "max_steps_reached"))
     if len(longer):
         values = ds[FREQUENCY].values[longer]
-        again = vx.sweep(system, {FREQUENCY: values}, v0=own["v0"], transient=100, progress=False)
+        again = vx.sweep(system, {FREQUENCY: values}, v0=own["v0"], transient=TRANSIENT, progress=False)
         failed[longer] = ~np.isin(_result_names(again), ALLOWED)
     return [
         (f"sweep: {code}", float(count))
@@ -161,7 +165,7 @@ def _result_names(ds: xr.Dataset) -> np.ndarray:
 def _penetration(shape: Shape, own: dict, ds: xr.Dataset) -> list[Fault]:
     xs, values = ds["section_x"].values, ds[FREQUENCY].values
     lanes = {name: np.repeat(a[None], len(values), axis=0) for name, a in own.items()}
-    ts = ds["forcing_period"].values[:, None] * (100 + 1 + np.arange(xs.shape[1]))
+    ts = ds["forcing_period"].values[:, None] * (TRANSIENT + 1 + np.arange(xs.shape[1]))
     least = np.nanmin(gaps(shape, lanes | {"frequency": values}, ts, xs))
     size = 1e-11 * (np.nanmax(np.abs(xs)) + 1.0)
     return [("sweep: penetration", float(-least / size))] if least < -size else []

@@ -124,8 +124,9 @@ def comes_to_rest(
     contacts, laws, direction = machine.contacts, machine.contacts.laws, state.mode.direction
     # Bounces of the speed u reach u^2 / (2 p), below the rounding of p / rate^2.
     least = float(jnp.finfo(state.x.dtype).eps) ** 0.5
-    speed = jnp.abs(sliding_velocity(machine, state)) * machine.in_mode(state).rate
-    acceleration = jnp.abs(contacts.inverse_mass_times(machine.in_mode(state).total_force(state)))
+    in_motion = machine.in_mode(state)
+    speed = jnp.abs(sliding_velocity(machine, state)) * in_motion.rate
+    acceleration = jnp.abs(contacts.inverse_mass_times(in_motion.total_force(state)))
     is_still = speed <= least * contacts.size(acceleration)
     is_linked = contacts.compliance != 0
     bouncing = at_limit & is_still & (laws.preload > 0)
