@@ -9,6 +9,7 @@ several at once, with other `--first` and `--stride`, share the work. A failure 
 
 import argparse
 import json
+import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -20,6 +21,8 @@ from random_machines.machines import draw_numbers, draw_shape, own_numbers
 from random_machines.motions import Failure, check_alone, check_motions
 from random_machines.orbits import check_orbits, settled_orbits
 
+# Seed of all rounds.
+SEED = 20261124
 # Runs of a machine.
 RUNS = 7
 # Machines of a round whose orbits are searched for.
@@ -30,7 +33,7 @@ FAMILIES = 4
 
 def play(number: int, machines: int, most_masses: int, families: int = FAMILIES, sweeps: int = 0) -> dict:
     """One round: what it is, and what failed."""
-    rng = np.random.default_rng([20261124, number])
+    rng = np.random.default_rng([SEED, number])
     shape = draw_shape(rng, most_masses)
     numbers = draw_numbers(rng, shape, machines)
     start = time.process_time()
@@ -41,9 +44,11 @@ def play(number: int, machines: int, most_masses: int, families: int = FAMILIES,
     failures += check_orbits(shape, numbers, orbits)
     counts = Counter(orbits=len(orbits))
     for k in range(min(machines, max(families, sweeps)) if number % 4 == 3 and shape.is_driven else 0):
-        given = own_numbers(numbers, k)
-        faults, own = check_family(shape, given, rng) if k < families else check_sweep(shape, given)
-        failures += [Failure(name, k, excess) for name, excess in faults]
+        given, its_rng = own_numbers(numbers, k), np.random.default_rng([SEED, number, k])
+        faults, own = check_family(shape, given, its_rng) if k < families else check_sweep(shape, given)
+        for name, excess in faults:
+            failures.append(Failure(name, k, excess))
+            print(f"round {number}, lane {k}: {name}", file=sys.stderr, flush=True)
         counts += own
     return {
         "round": number,

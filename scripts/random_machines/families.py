@@ -269,8 +269,9 @@ def _attraction(system: vx.ImpactSystem, rows: Rows) -> list[Fault]:
     growth = np.log(np.abs(rows.multipliers[:, 0]) + 1e-300) * (BACK / n)
     is_strange = {"a stable orbit attracts": growth < 2 * np.log(LESS)}
     is_strange["an unstable orbit repels"] = growth > 2 * np.log(MORE)
+    size = np.abs(start).max(axis=1, keepdims=True)
     for beside in BESIDE:
-        end = _run(system, rows, rows.v * (1 + beside), BACK)
+        end = _run(system, rows, rows.v + beside * size * np.sign(rows.v), BACK)
         away = _distance(end[np.arange(len(n)), last], start) / beside
         is_strange["a stable orbit attracts"] &= ~(away <= LESS)
         is_strange["an unstable orbit repels"] &= ~(away >= MORE)
@@ -363,7 +364,8 @@ def _is_on(branch: vx.Branch, value: float, states: np.ndarray) -> bool:
     share = np.divide(value - values[:-1], along, out=np.full(len(along), np.inf), where=along != 0)
     own = np.flatnonzero((share >= -1e-9) & (share <= 1 + 1e-9))
     near = z[own] + share[own, None] * chord[own]
-    room = np.abs(chord[own]).max(axis=1) + 1e-6 * (np.abs(z[own]).max(axis=1) + 1e-3)
+    # Twice the chord: where an impact crosses the section, the velocity jumps, and one side of the jump is beyond the chord.
+    room = 2 * np.abs(chord[own]).max(axis=1) + 1e-6 * (np.abs(z[own]).max(axis=1) + 1e-3)
     return bool((np.abs(near[:, None] - states).max(axis=2) <= room[:, None]).any())
 
 

@@ -55,7 +55,7 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Ke
     length = new.arc - point.arc
     nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
     known = yield from _seen_at(point, new, nodes)
-    s = _root_of(test, known, length)
+    s = _root_of(np.array([s for s, _ in known]), np.array([test.of(seen) for _, seen in known]), length)
     if not np.isfinite(s):
         raise BranchEnd(End.NOT_CONVERGED)
     guess = between(point, new, s / length)
@@ -102,11 +102,12 @@ def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> KernelRe
     return found
 
 
-def _root_of(test: TestFunction, known: list[tuple[float, CorrectedCycle]], length: float) -> float:
-    """Zero on a step of the polynomial through a test function; NaN unless there is exactly one."""
-    if len(known) < 4:
+def _root_of(ways: np.ndarray, values: np.ndarray, length: float) -> float:
+    """Zero on a step of the polynomial through values at some distances; NaN unless there is exactly one."""
+    # Multipliers of a cycle may overflow.
+    ways, values = ways[np.isfinite(values)], values[np.isfinite(values)]
+    if len(ways) < 4:
         return np.nan
-    ways, values = np.array([s for s, _ in known]), [test.of(seen) for _, seen in known]
     roots = np.polynomial.Polynomial.fit(ways, values, len(ways) - 1).roots()
     is_real = np.abs(roots.imag) < 1e-9 * length
     roots = roots[is_real & (roots.real > 0) & (roots.real < length)].real
