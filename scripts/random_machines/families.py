@@ -23,6 +23,8 @@ MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 400, 6, 6, 256
 # Most periods of an orbit that is run, and relative error of one that closes (some have 50 impacts), of multipliers, and of
 # places.
 LONGEST, CLOSED, SAME = 8, 1e-8, 1e-8
+# Relative rounding of a period of many impacts, which grows in later ones.
+ROUNDING = 1e-13
 # Relative disturbances of orbits, one of which shows what an orbit does: the basin of a stable one may be small, and an
 # unstable one may have a stable one beside it. Periods until those that attract are back, and the others have left.
 BESIDE, BACK = (1e-5, 1e-9), 100
@@ -72,10 +74,12 @@ def check_family(shape: Shape, own: dict, rng: np.random.Generator) -> tuple[lis
         faults += _on_branches(cycles, orbits, found)
         rows = _rows_of_branches(found)
         if len(rows.values):
-            faults += _closing("branch", rows, _run(system, rows, rows.v, 0)) + _attraction(system, rows)
+            faults += _closing("branch", system, rows, _run(system, rows, rows.v, 0)) + _attraction(
+                system, rows
+            )
             faults += _single(shape, own, found)
     counts += Counter(
-        swept=POINTS + (3 * ROWS if len(rows.values) else 0),
+        swept=POINTS + (4 * ROWS if len(rows.values) else 0),
         branches=len(found) + len(again),
         points=sum(map(len, [*found, *again])),
     )
@@ -91,8 +95,8 @@ def _check_sweep(shape: Shape, own: dict) -> tuple[list[Fault], Counter, xr.Data
     faults += _volume(shape, own, ds, orbits)
     rows = _rows_of_sweep(ds, orbits)
     cycles = _run(system, rows, rows.v, 0)
-    faults += _closing("sweep", rows, cycles)
-    counts = Counter(swept=2 * POINTS, orbits=int(orbits["converged"].sum()))
+    faults += _closing("sweep", system, rows, cycles)
+    counts = Counter(swept=3 * POINTS, orbits=int(orbits["converged"].sum()))
     return faults, counts, orbits, cycles
 
 
@@ -245,15 +249,26 @@ def _run(system: vx.ImpactSystem, rows: Rows, v: np.ndarray, transient: int) -> 
     return np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
 
 
-def _closing(name: str, rows: Rows, cycles: np.ndarray) -> list[Fault]:
+def _closing(name: str, system: vx.ImpactSystem, rows: Rows, cycles: np.ndarray) -> list[Fault]:
     """Runs from orbits, (orbits, periods, 2 masses), return to them after their periods."""
     start, n = np.concatenate([rows.x, rows.v], axis=1), rows.num_periods
     largest = np.maximum(1.0, np.abs(rows.multipliers[:, 0]))
     is_fair = (n > 0) & (n <= LONGEST) & (largest < UNSTABLE)
     end = cycles[np.arange(len(n)), np.clip(n, 1, LONGEST) - 1]
-    excess = _distance(end, start) / (CLOSED * largest)
+    allowed = np.maximum(CLOSED * largest, ROUNDING * _growth(system, rows, cycles))
+    excess = np.abs(end - start).max(axis=1) / (allowed * (np.abs(cycles).max(axis=(1, 2)) + 1e-3))
     wrong = is_fair & ~(excess <= 1)
     return [(f"{name}: closing of an orbit", float(excess[wrong].max()))] if wrong.any() else []
+
+
+def _growth(system: vx.ImpactSystem, rows: Rows, cycles: np.ndarray) -> np.ndarray:
+    """Largest growth of a disturbance from the end of the first period of a cycle to those of others, (orbits,)."""
+    first, masses = cycles[:, 0], rows.x.shape[1]
+    beside = BESIDE[-1] * np.abs(first).max(axis=1, keepdims=True)
+    begun = rows._replace(x=first[:, :masses])
+    later = _run(system, begun, first[:, masses:] + beside * np.sign(first[:, masses:]), 0)
+    away = np.abs(later[:, :-1] - cycles[:, 1:]).max(axis=2) / (beside + 1e-300)
+    return np.where(np.arange(1, LONGEST) < rows.num_periods[:, None], away, 0.0).max(axis=1)
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -103,3 +103,23 @@ def test_period_doublings_of_a_closed_branch_are_those_in_closed_form_wherever_i
         for kind, exact in (("fold", folds), ("pd", doublings)):
             found = sorted(point.value for point in branch.bifurcations if point.kind == kind)
             np.testing.assert_allclose(found, sorted(exact), rtol=0, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_a_branch_is_not_closed_where_it_passes_its_start_at_a_distance():
+    # A random machine: with its frequency the branch comes again to the plane across it at its start.
+    force = vx.Harmonic(
+        amplitude=[[1.1297646452817705], [0.2928791155040609], [0.8802476020653238]],
+        frequency=0.3591218605,
+        phase=[[0.23785907569749978], [1.3466225803308167], [1.0954533182373951]],
+    )
+    stop = vx.Stop(0, position=0.16683170070169234, restitution=0.695562474785925)
+    system = vx.ImpactSystem(
+        [1.2009000584405018], [[0.046019077181388486]], [[5.740262262824115]], force, [stop]
+    )
+    orbit = vx.periodic_orbit(system, [0.15902702], [0.15685901], 1)
+    branch = vx.continuation(orbit, "forcing.frequency", (0.35, 0.42), progress=False)
+    assert "closed" not in branch.ends
+    assert branch.values.max() == pytest.approx(0.42)
+    beyond = branch.points.isel(point=(branch.values > 0.4146) & (branch.points["is_stable"].values))
+    assert ((beyond["event_stop"] >= 0).sum("event") == 5).any()

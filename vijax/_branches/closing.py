@@ -5,7 +5,7 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .kernels import LocatedState, location_on, trimmed
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, DirectedBranch, KernelRequests, on_plane
+from .point import BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .steps import MIN_TANGENT_COSINE
 
 # `_AGAIN`: distance within which two cycles are the same.
@@ -43,10 +43,16 @@ def is_at_start(
     s = start.place.along(tangent) - point.place.along(tangent)
     if not 0 < s <= ds or start.tangent.along(tangent) < MIN_TANGENT_COSINE:
         return False
+    if _distance(start.place, between(point, new, s / ds)) > ds:  # at the level of the step, but far from it
+        return False
     seen = yield from on_plane(point, start.place, s)
     found = trimmed(seen.found.place, len(point.sequence.kind))
-    away = found.moved(start.place, -1.0)
-    return bool(seen.found.is_converged and np.sqrt(away.along(away)) < _AGAIN)
+    return bool(seen.found.is_converged and _distance(found, start.place) < _AGAIN)
+
+
+def _distance(place: ExtendedCycle, other: ExtendedCycle) -> float:
+    away = place.moved(other, -1.0)
+    return float(np.sqrt(away.along(away)))
 
 
 def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
