@@ -297,7 +297,21 @@ def _delays(
     is_near = is_near & ~is_idle(state, machine) if machine.contacts.is_coupled else is_near
     # A step of a machine that switches ends on an estimate of the event: the event may lie behind the end of the motion.
     is_here = is_root & ~(is_simple & (delay > ahead)) if is_switching else is_root
+    if len(value) > 1:
+        first = smallest(jnp.where(is_near, delay, jnp.inf))
+        is_other = ~is_near & ~is_here & ~is_idle(state, machine)
+        waits = is_near & jnp.any(is_other & _may_vanish(h, first), axis=0)
+        is_near, is_here = is_near & ~waits, is_here & ~waits
     return jnp.where(is_near, delay, jnp.where(is_here, 0, jnp.inf))
+
+
+def _may_vanish(h: list[Array], ahead: Scalar) -> Bool[Array, "guards ..."]:
+    """Flags of guards that may vanish within a time: a gap that closes just before its mass stands still, for instance."""
+    value, slope, curve, bend = h[:4]
+    until = jnp.where(ahead < jnp.inf, jnp.maximum(ahead, 0), 0)
+    lowest = jnp.where(curve > 0, jnp.clip(-slope / jnp.where(curve > 0, 2 * curve, 1), 0, until), until)
+    least = jnp.maximum(value, 0) + lowest * (slope + lowest * curve)
+    return ((slope < 0) | (curve < 0)) & (least < jnp.abs(bend) * until**3)
 
 
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
