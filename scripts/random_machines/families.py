@@ -103,7 +103,13 @@ def _check_sweep(shape: Shape, own: dict) -> tuple[list[Fault], Counter, xr.Data
 def _swept(system: vx.ImpactSystem, values: np.ndarray, v0: np.ndarray) -> tuple[xr.Dataset, xr.Dataset]:
     """A sweep and its orbits."""
     ds = vx.sweep(
-        system, {FREQUENCY: values}, v0=v0, transient=TRANSIENT, max_steps=MOST_STEPS, progress=False
+        system,
+        {FREQUENCY: values},
+        v0=v0,
+        transient=TRANSIENT,
+        max_steps=MOST_STEPS,
+        quantities=["max_position", "min_position"],
+        progress=False,
     )
     return ds, vx.periodic_orbits(ds, progress=False)
 
@@ -167,12 +173,17 @@ def _result_names(ds: xr.Dataset) -> np.ndarray:
 
 
 def _penetration(shape: Shape, own: dict, ds: xr.Dataset) -> list[Fault]:
+    """No mass is beyond a stop that stands still, at any time, nor beyond others at the end of a period."""
     xs, values = ds["section_x"].values, ds[FREQUENCY].values
     lanes = {name: np.repeat(a[None], len(values), axis=0) for name, a in own.items()}
     ts = ds["forcing_period"].values[:, None] * (TRANSIENT + 1 + np.arange(xs.shape[1]))
-    least = np.nanmin(gaps(shape, lanes | {"frequency": values}, ts, xs))
-    size = 1e-11 * (np.nanmax(np.abs(xs)) + 1.0)
-    return [("sweep: penetration", float(-least / size))] if least < -size else []
+    least = [np.nanmin(gaps(shape, lanes | {"frequency": values}, ts, xs))]
+    for j, (i, side) in enumerate(shape.stops):
+        if not (shape.is_moving and j == 0):
+            sign, name = (1, "max_position") if side == "upper" else (-1, "min_position")
+            least.append(own["position"][j] - np.nanmax(sign * ds[name].values[:, i]))
+    excess = -min(least) / (1e-11 * (np.nanmax(np.abs(xs)) + 1.0))
+    return [("sweep: penetration", float(excess))] if excess > 1 else []
 
 
 def _side(shape: Shape, ds: xr.Dataset) -> list[Fault]:
