@@ -146,3 +146,50 @@ def test_a_branch_passes_the_onset_of_sticking_beside_a_chatter():
     assert branch.ends == ("bounds", "bounds")
     assert [point.kind for point in branch.bifurcations] == ["crossing_sliding"]
     assert all_are_followed(branch)
+
+
+def between_stops(lower: tuple[float, float], upper: tuple[float, float], numbers: tuple) -> vx.ImpactSystem:
+    """A random machine; each stop is its position and restitution."""
+    mass, damping, stiffness, amplitude, phase, mean, friction, frequency = numbers
+    load = vx.Harmonic([amplitude], frequency, [phase], mean=[mean])
+    stops = [vx.Stop(0, *place) for place in ((lower[0], "lower", lower[1]), (upper[0], "upper", upper[1]))]
+    return vx.ImpactSystem(
+        [mass], [[damping]], [[stiffness]], load, stops, friction=[vx.Friction(0, friction)]
+    )
+
+
+PLASTIC_BELOW = (
+    (-0.263591, 0.0),
+    (0.729197, 0.334734),
+    (1.30263, 0.0, 0.391088, 2.87188, 3.52926, 0.16757, 0.276424),
+)
+PLASTIC_ABOVE = (
+    (-0.74715, 1.0),
+    (0.557642, 0.0),
+    (0.482806, 0.0844379, 1.44641, 1.06193, 0.0260363, 0.0, 0.634372),
+)
+# The kinks of a return map behind a stick, turns in place of slow impacts, and sticks in place of slow impacts.
+PASSED = {
+    "plastic below": (
+        PLASTIC_BELOW,
+        (1.46, 2.4),
+        ["gr", "crossing_sliding", "switching_sliding", "grazing_sliding"],
+    ),
+    "plastic above": (PLASTIC_ABOVE, (0.72, 1.19), ["gr", "grazing_sliding"]),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PASSED)
+def test_a_branch_passes_grazings_on_which_friction_acts_from_both_sides(name):
+    (lower, upper, numbers), bounds, kinds = PASSED[name]
+    branches = [
+        branch_of(between_stops(lower, upper, (*numbers, frequency)), 100, bounds) for frequency in bounds
+    ]
+    for branch in branches:
+        assert branch.ends == ("bounds", "bounds")
+        assert all_are_followed(branch)
+    forth, back = (sorted((point.value, point.kind) for point in branch.bifurcations) for branch in branches)
+    assert [kind for _, kind in forth] == [kind for _, kind in back] == kinds
+    # A slip that begins with a turn and vanishes is a double zero of its velocity: its equations lose half their digits.
+    np.testing.assert_allclose([w for w, _ in forth], [w for w, _ in back], rtol=1e-8)

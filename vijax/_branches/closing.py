@@ -6,6 +6,7 @@ from .._orbits.sequence import Sequence
 from .kernels import LocatedState, location_on, trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch, KernelRequests, between, on_plane
+from .sequence_edits import are_alike
 from .steps import MIN_TANGENT_COSINE
 
 # `_AGAIN`: distance within which two cycles are the same.
@@ -34,10 +35,7 @@ def is_at_start(
     walk: DirectedBranch, start: BranchPoint, point: BranchPoint, new: BranchPoint
 ) -> KernelRequests:
     """Test whether the step from a point to a new one passes the start of the branch."""
-    same = np.array_equal(start.sequence.kind, point.sequence.kind) and np.array_equal(
-        start.sequence.stop, point.sequence.stop
-    )
-    if not same or len(walk.points) < 4:
+    if not are_alike(start.sequence, point.sequence) or len(walk.points) < 4:
         return False
     tangent, ds = point.tangent, new.arc - point.arc
     s = start.place.along(tangent) - point.place.along(tangent)

@@ -275,7 +275,7 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
     try:
         return (yield from by_sequence(walk, test, event))
     except BranchEnd:
-        return (yield from continue_by_simulation(event, test.kind))
+        return (yield from continue_by_simulation(event))
 
 
 def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:

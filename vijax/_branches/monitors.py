@@ -15,7 +15,6 @@ import numpy as np
 
 from .._flow.interface import AbstractFlow
 from .._orbits.autonomous import with_unit
-from .._orbits.sequence import Sequence
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.solution import Solution
@@ -27,6 +26,7 @@ from .kinds import MONITOR, STOP, End, Kind, PublicKind, public_kind
 from .parameter_family import Family
 from .point import BranchPoint, DirectedBranch, KernelRequests, PlainPoint, between, on_plane
 from .scheduler import drive
+from .sequence_edits import are_alike
 from .sequence_switching import in_section
 
 # Monitors by name, and conditions: kinds of special points, or functions of the branch so far.
@@ -128,7 +128,7 @@ class WatchedWalk:
     def _close(self) -> None:
         """Locate the zeros between the last point of a closed walk and its start."""
         assert self.last is not None
-        if not _is_same(self.last.sequence, self.start.sequence):
+        if not are_alike(self.last.sequence, self.start.sequence):
             return
         s = (self.start.place.along(self.last.tangent)) - self.last.place.along(self.last.tangent)
         if s > 0:
@@ -232,14 +232,9 @@ def _way_between(before: BranchPoint, after: BranchPoint) -> tuple[float, Callab
     The cycles have the sequence of the second point. Where the first has another one, as at an event, the way goes back
     along the tangent of the second.
     """
-    if _is_same(before.sequence, after.sequence):
+    if are_alike(before.sequence, after.sequence):
         length = float(after.place.along(before.tangent) - before.place.along(before.tangent))
         if length > 0:
             return length, lambda s: on_plane(before, between(before, after, s / length), s)
     length = after.arc - before.arc
     return length, lambda s: on_plane(after, after.place.moved(after.tangent, s - length), s - length)
-
-
-def _is_same(one: Sequence, other: Sequence) -> bool:
-    """True if two sequences have the same events at the same stops."""
-    return np.array_equal(one.kind, other.kind) and np.array_equal(one.stop, other.stop)

@@ -8,6 +8,11 @@ from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle
 
 
+def are_alike(one: Sequence, other: Sequence) -> bool:
+    """True if two sequences have the same events at the same stops."""
+    return np.array_equal(one.kind, other.kind) and np.array_equal(one.stop, other.stop)
+
+
 def with_event(
     sequence: Sequence, place: ExtendedCycle, kind: int, stop: int, flight: int, time: float
 ) -> tuple[Sequence, ExtendedCycle]:
@@ -91,6 +96,13 @@ def with_events_merged(sequence: Sequence, place: ExtendedCycle, k: int) -> tupl
     merged = Sequence(kind, stops, np.delete(sequence.mode, k, axis=0))
     merged_place = place._replace(flights=flights)
     return without_event(merged, merged_place, k - 1) if before == after else (merged, merged_place)
+
+
+def with_other_kind(sequence: Sequence, k: int, kind: int, stop: int) -> Sequence:
+    """Replace event `k` by one of another kind and element after which the same elements hold and slide."""
+    kinds, stops = sequence.kind.copy(), sequence.stop.copy()
+    kinds[k], stops[k] = kind, stop
+    return Sequence(kinds, stops, sequence.mode)
 
 
 def with_order_exchanged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .._hybrid.limits import IMPACT
+from .._hybrid.limits import IMPACT, TURN
 from .._orbits.sequence import NOTHING, Sequence
 from .kernels import (
     KernelCall,
@@ -29,12 +29,14 @@ from .point import (
     corrected,
 )
 from .sequence_edits import (
+    are_alike,
     in_rounds,
     passed_section,
     shifted,
     with_events,
     with_events_merged,
     with_order_exchanged,
+    with_other_kind,
     with_stick,
     without_event,
     without_stick,
@@ -48,8 +50,12 @@ Rounds = tuple[int, float]
 
 # Lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
 _OFF = 1e-7, 1e-8, 1e-9, 1e-10
+# The same off a slow impact beside friction: the machine takes one below 1e-6 for the end of a chatter.
+_OFF_LIGHT = 1e-4, 1e-5, 1e-6
 # Shortest flight, in forcing periods, of a cycle to whose chatters bounces are added: the rest of them is rounding.
 _LIGHTEST = 1e-7
+# Time within which two events are at once, in forcing periods.
+_AT_ONCE = 1e-6
 # Room for new events: an interrupted stick ends in another chatter.
 _MORE = 40, 200
 # Distances at which the machine is simulated where no step leads off.
@@ -61,9 +67,13 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
 
     On a cycle that traverses a shorter one several times, the change may happen in one round or in all rounds.
     """
-    loses_impact = test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT
-    if event.sequence.is_switching and not loses_impact:
-        return (yield from _with_merged_events(event, test))
+    loses_impact = bool(test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT)
+    if event.sequence.is_switching:
+        other = _other_reversal(event, test, loses_impact)
+        if other is not None:
+            return (yield from _with_other_reversal(event, *other))
+        if not loses_impact:
+            return (yield from _with_merged_events(event, test))
     if test.kind not in _CHANGES:
         raise BranchEnd(test.kind)
     for rounds in sorted({1, walk.rounds}):
@@ -130,6 +140,43 @@ def _without_stick(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
         return (yield from step_off(at, False))
 
 
+def _other_reversal(
+    event: BranchPoint, test: TestFunction, loses_impact: bool
+) -> tuple[Sequence, ExtendedCycle] | None:
+    """The events behind a grazing of a mass on which friction acts: that turns there, by the impact or without it."""
+    sequence, place = event.sequence, event.place
+    if loses_impact:
+        k = test.index
+        turned = np.flatnonzero(sequence.mode[k] != sequence.mode[k + 1])
+        if len(turned) != 1:
+            return None
+        sequence = with_other_kind(sequence, k, TURN, int(turned[0]))
+        ends = k + 1 < len(sequence.kind) and sequence.stop[k + 1] == turned[0]
+        stops_at_once = ends and abs(place.flights[k + 1]) < _AT_ONCE
+        return with_events_merged(sequence, place, k + 1) if stops_at_once else (sequence, place)
+    if test.kind != Kind.TOUCH:
+        return None
+    since = np.abs(np.cumsum(place.flights) - float(event.seen.watched.gap_time[test.index]))
+    is_turn = (sequence.kind == TURN) & (since < _AT_ONCE)
+    if not is_turn.any():
+        return None
+    return with_other_kind(sequence, int(np.argmax(is_turn)), IMPACT, test.index), place
+
+
+def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
+    """Continue behind a grazing on the events of `_other_reversal`."""
+    at = yield from _corrected_on_sequence(sequence, place, event)
+    for is_ahead in (True, False):
+        try:
+            new = yield from step_off(at, is_ahead, _OFF_LIGHT)
+        except BranchEnd:
+            continue
+        simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
+        if simulated.is_alike:
+            return new
+    raise BranchEnd(Kind.GRAZING)
+
+
 def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequests:
     """Continue behind two events of one element that meet, without them, or with one event in their place."""
     sequence, k = event.sequence, test.index
@@ -169,7 +216,7 @@ _CHANGES: dict[str, Callable] = {
 }
 
 
-def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
+def continue_by_simulation(event: BranchPoint) -> KernelRequests:
     """The point a short way ahead, with the events of the simulated machine."""
     for ds in _TRIALS:
         guess = event.place.moved(event.tangent, ds)
@@ -178,7 +225,27 @@ def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
         simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
         if simulated.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
-    raise BranchEnd(public_kind(kind))
+    # Behind a kink the branch may not come to these planes.
+    for ds in _TRIALS:
+        for side in (1, -1):
+            new = yield from _at_parameter_beside(event, side * ds)
+            if new is not None:
+                return new
+    raise BranchEnd(public_kind(event.kind))
+
+
+def _at_parameter_beside(event: BranchPoint, dp: float) -> KernelRequests:
+    """The cycle of the machine with other events than before an event, at a parameter beside; None if there is none."""
+    new: BranchPoint | None = yield from cycle_of_simulation(
+        event, event.place._replace(p=event.place.p + dp)
+    )
+    if new is None or are_alike(new.sequence, event.sequence):
+        return None
+    away = np.linalg.norm(np.append(new.place.z - event.place.z, dp))
+    if away > 10 * abs(dp):
+        return None
+    new = new._replace(arc=event.arc + float(away))
+    return new if new.tangent.p * dp > 0 else new.turned()
 
 
 def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelRequests:
@@ -275,10 +342,10 @@ def _corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: Bran
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
-def step_off(at: BranchPoint, is_ahead: bool = True) -> KernelRequests:
+def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = _OFF) -> KernelRequests:
     """A point close behind, in the direction of the tangent or the opposite one."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
-    for ds in _OFF:
+    for ds in lengths:
         guess = at.place.moved(tangent, ds)
         seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
         new = BranchPoint.of(at.sequence, seen, at.arc + ds)

@@ -261,9 +261,19 @@ def without_echoes(sequence: Sequence, met: list[TestFunction]) -> list[TestFunc
         for test in met
     ]
     met = [test for test in met if test.of_flight or test.index + 1 not in slips or test.index not in turns]
+    # Friction stops a mass behind an impact the sooner, the slower that is.
+    impacts = {test.index for test in met if test.kind == Kind.GRAZING and not test.of_flight}
+    met = [test for test in met if not (test.of_flight and _is_end_of_rebound(sequence, test.index, impacts))]
     is_of_event = lambda test: test.of_flight or test.kind in (Kind.GRAZING, Kind.CROSSING_SLIDING)  # noqa: E731
     meeting = {int(sequence.stop[test.index]) for test in met if is_of_event(test)}
     return [test for test in met if is_of_event(test) or test.index % num not in meeting]
+
+
+def _is_end_of_rebound(sequence: Sequence, k: int, impacts: set[int]) -> bool:
+    """True if event `k` ends a slip that began with one of some impacts, just before."""
+    return k - 1 in impacts and bool(
+        sequence.mode[k - 1, sequence.stop[k]] != sequence.mode[k, sequence.stop[k]]
+    )
 
 
 def num_unstable(seen: CorrectedCycle) -> Any:
