@@ -23,8 +23,8 @@ MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 400, 6, 6, 256
 # Most periods of an orbit that is run, and relative error of one that closes (some have 50 impacts), of multipliers, and of
 # places.
 LONGEST, CLOSED, SAME = 8, 1e-8, 1e-8
-# Relative rounding of a period of many impacts, which grows in later ones.
-ROUNDING = 1e-13
+# Times by which rounding may exceed the difference of two runs that have as much.
+MANY = 10
 # Relative disturbances of orbits, one of which shows what an orbit does: the basin of a stable one may be small, and an
 # unstable one may have a stable one beside it. Periods until those that attract are back, and the others have left.
 BESIDE, BACK = (1e-5, 1e-9), 100
@@ -266,20 +266,14 @@ def _closing(name: str, system: vx.ImpactSystem, rows: Rows, cycles: np.ndarray)
     largest = np.maximum(1.0, np.abs(rows.multipliers[:, 0]))
     is_fair = (n > 0) & (n <= LONGEST) & (largest < UNSTABLE)
     end = cycles[np.arange(len(n)), np.clip(n, 1, LONGEST) - 1]
-    allowed = np.maximum(CLOSED * largest, ROUNDING * _growth(system, rows, cycles))
-    excess = np.abs(end - start).max(axis=1) / (allowed * (np.abs(cycles).max(axis=(1, 2)) + 1e-3))
+    # Where a stick erases the start of a cycle, runs from beside it differ by the rounding that grows behind the stick.
+    beside = BESIDE[-1] * np.abs(start).max(axis=1, keepdims=True)
+    away = np.abs(_run(system, rows, rows.v + beside * np.sign(rows.v), 0) - cycles).max(axis=2)
+    spread = np.where(np.arange(LONGEST) < n[:, None], away, 0.0).max(axis=1)
+    allowed = CLOSED * largest * (np.abs(cycles).max(axis=(1, 2)) + 1e-3) + MANY * spread
+    excess = np.abs(end - start).max(axis=1) / allowed
     wrong = is_fair & ~(excess <= 1)
     return [(f"{name}: closing of an orbit", float(excess[wrong].max()))] if wrong.any() else []
-
-
-def _growth(system: vx.ImpactSystem, rows: Rows, cycles: np.ndarray) -> np.ndarray:
-    """Largest growth of a disturbance from the end of the first period of a cycle to those of others, (orbits,)."""
-    first, masses = cycles[:, 0], rows.x.shape[1]
-    beside = BESIDE[-1] * np.abs(first).max(axis=1, keepdims=True)
-    begun = rows._replace(x=first[:, :masses])
-    later = _run(system, begun, first[:, masses:] + beside * np.sign(first[:, masses:]), 0)
-    away = np.abs(later[:, :-1] - cycles[:, 1:]).max(axis=2) / (beside + 1e-300)
-    return np.where(np.arange(1, LONGEST) < rows.num_periods[:, None], away, 0.0).max(axis=1)
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
