@@ -378,8 +378,9 @@ def _on_branches(cycles: np.ndarray, orbits: xr.Dataset, found: list[vx.Branch])
 
 
 def _is_on(branch: vx.Branch, value: float, states: np.ndarray) -> bool:
-    values = branch.values
-    z = np.concatenate([branch.points["x0"].values, branch.points["v0"].values], axis=1)
+    rows = np.arange(len(branch) + (branch.ends[1] == "closed")) % len(branch)
+    values = branch.values[rows]
+    z = np.concatenate([branch.points["x0"].values, branch.points["v0"].values], axis=1)[rows]
     chord, along = np.diff(z, axis=0), np.diff(values)
     share = np.divide(value - values[:-1], along, out=np.full(len(along), np.inf), where=along != 0)
     own = np.flatnonzero((share >= -1e-9) & (share <= 1 + 1e-9))

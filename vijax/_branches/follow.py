@@ -14,7 +14,7 @@ from .closing import first_repeated, is_at_start, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import SimulatedMotion, simulation_from, simulation_of, trimmed
-from .kinds import End, Kind
+from .kinds import End, Kind, public_kind
 from .locate import first_event, special_points
 from .parameter_family import ExtendedCycle
 from .point import (
@@ -273,9 +273,12 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
     walk.cascade = [*same, (test.index, event)] if is_touch else []
     yield from _end_at_cascade_limit(walk, MANY)
     try:
-        return (yield from by_sequence(walk, test, event))
+        new = yield from by_sequence(walk, test, event)
     except BranchEnd:
-        return (yield from continue_by_simulation(event))
+        new = yield from continue_by_simulation(event)
+    if (yield from repetitions_of(new.sequence, new.place, walk.num_periods)) > walk.rounds:
+        raise BranchEnd(public_kind(event.kind))  # it meets the branch of a shorter cycle
+    return new
 
 
 def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:

@@ -10,6 +10,7 @@ from .._trajectory.simulate import simulate
 from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
+from .kinds import End
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, corrected
 from .scheduler import drive
@@ -28,7 +29,10 @@ _TRIALS = 40
 
 
 class _Chance(NamedTuple):
-    """An orbit by its number, its states in all its periods, and the points `k` and `k + 1` between which it may lie."""
+    """An orbit by its number, its states in all its periods, and the points `k` and `k + 1` between which it may lie.
+
+    On a closed branch `k + 1` may be the first point again.
+    """
 
     orbit: int
     value: float
@@ -69,8 +73,11 @@ class KnownOrbits:
         return found
 
     def _chances(self, which: list[int], number: int, branch: Branch) -> Iterator[_Chance]:
-        values, points = branch.values, branch.points
-        z = np.concatenate([points["x0"].values, points["v0"].values], axis=1)
+        points = branch.points
+        # The last point of a closed branch comes before its first one.
+        rows = np.arange(len(branch) + (branch.ends[1] == End.CLOSED)) % len(branch)
+        values = branch.values[rows]
+        z = np.concatenate([points["x0"].values, points["v0"].values], axis=1)[rows]
         num_periods = points.attrs["num_periods"]
         for orbit in (k for k in which if self._starts[k].num_periods == num_periods):
             if orbit not in self._values:
@@ -106,7 +113,7 @@ class KnownOrbits:
 def _is_met(chance: _Chance, family: Family) -> KernelRequests:
     """True if the branch has the orbit between its two points."""
     p, span = chance.value / float(family.span), float(family.span)
-    at = [Bifurcation(chance.branch, end) for end in (chance.k, chance.k + 1)]
+    at = [Bifurcation(chance.branch, end % len(chance.branch)) for end in (chance.k, chance.k + 1)]
     ends = [cycle_of(point, family.scale, point.value / span) for point in at]
     seen = yield from _between(ends, p)
     if seen is not None and (yield from _is_same(chance, family, ends[0][0], seen)):
