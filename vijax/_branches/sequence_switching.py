@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from .._hybrid.limits import IMPACT, TURN
+from .._hybrid.limits import IMPACT, STICK, TURN
+from .._machine.state import AHEAD, BEHIND
 from .._orbits.sequence import NOTHING, Sequence
 from .kernels import (
     KernelCall,
@@ -45,6 +46,8 @@ from .test_functions import TestFunction, tests_of
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
+# Modes of friction that slips, each with that of the opposite direction.
+_OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
 # Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
 Rounds = tuple[int, float]
 
@@ -54,6 +57,8 @@ _OFF = 1e-7, 1e-8, 1e-9, 1e-10
 _OFF_LIGHT = 1e-4, 1e-5, 1e-6
 # Shortest flight, in forcing periods, of a cycle to whose chatters bounces are added: the rest of them is rounding.
 _LIGHTEST = 1e-7
+# Distance behind an event that is no jump, and share of the way to it at which a larger one must be smaller.
+_JUMP, _NEARER = 1e-5, 0.1
 # Time within which two events are at once, in forcing periods.
 _AT_ONCE = 1e-6
 # Room for new events: an interrupted stick ends in another chatter.
@@ -72,6 +77,8 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
         other = _other_reversal(event, test, loses_impact)
         if other is not None:
             return (yield from _with_other_reversal(event, *other))
+        if _stops_at_impact(event.sequence, test):
+            return (yield from _with_other_slip(event, test.index))
         if not loses_impact:
             return (yield from _with_merged_events(event, test))
     if test.kind not in _CHANGES:
@@ -177,6 +184,23 @@ def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: Extended
     raise BranchEnd(Kind.GRAZING)
 
 
+def _stops_at_impact(sequence: Sequence, test: TestFunction) -> bool:
+    """True if the slip from an impact to a stick loses its duration: the impact leaves no sliding velocity."""
+    if not (test.of_flight and test.kind == Kind.DOUBLE_IMPACT):
+        return False
+    k = test.index
+    is_slip = sequence.mode[k, sequence.stop[k]] in _OTHER_WAY
+    return bool(sequence.kind[k - 1] == IMPACT and sequence.kind[k] == STICK and is_slip)
+
+
+def _with_other_slip(event: BranchPoint, k: int) -> KernelRequests:
+    """Continue behind a stick right after an impact with a slip in the other direction between the two."""
+    mode, stop = event.sequence.mode.copy(), event.sequence.stop[k]
+    mode[k, stop] = _OTHER_WAY[mode[k, stop]]
+    sequence = event.sequence._replace(mode=mode)
+    return (yield from _oriented(sequence, event.place, event, lambda at: float(at.tangent.flights[k])))
+
+
 def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequests:
     """Continue behind two events of one element that meet, without them, or with one event in their place."""
     sequence, k = event.sequence, test.index
@@ -223,7 +247,8 @@ def continue_by_simulation(event: BranchPoint) -> KernelRequests:
         followed = yield from _followed(event.sequence, guess)
         new = yield from _on_simulated_events(event._replace(place=guess), followed)
         simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
-        if simulated.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
+        is_near = np.abs(new.place.z - guess.z).max() < 10 * ds
+        if simulated.is_alike and is_near and (yield from _is_joined(event, new)):
             return new._replace(kind="", arc=event.arc + ds)
     # Behind a kink the branch may not come to these planes.
     for ds in _TRIALS:
@@ -242,10 +267,21 @@ def _at_parameter_beside(event: BranchPoint, dp: float) -> KernelRequests:
     if new is None or are_alike(new.sequence, event.sequence):
         return None
     away = np.linalg.norm(np.append(new.place.z - event.place.z, dp))
-    if away > 10 * abs(dp):
+    if away > 10 * abs(dp) or not (yield from _is_joined(event, new)):
         return None
     new = new._replace(arc=event.arc + float(away))
     return new if new.tangent.p * dp > 0 else new.turned()
+
+
+def _is_joined(event: BranchPoint, new: BranchPoint) -> KernelRequests:
+    """False if the cycles on the events of a new point keep their distance from an event as their parameter comes near."""
+    away = np.abs(new.place.z - event.place.z).max()
+    if away < _JUMP:
+        return True
+    p = event.place.p + _NEARER * (new.place.p - event.place.p)
+    seen = yield from at_parameter(new.sequence, new.place._replace(p=np.asarray(p)), float(p))
+    is_nearer = np.abs(seen.found.place.z - event.place.z).max() < away / 2
+    return bool(is_nearer or not seen.found.is_converged)
 
 
 def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelRequests:
