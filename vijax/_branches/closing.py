@@ -14,14 +14,16 @@ from .steps import MIN_TANGENT_COSINE
 _AGAIN, _SAME = 1e-8, 1e-6
 
 
-def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: int | float) -> KernelRequests:
-    """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one."""
+def repetitions_of(
+    sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = _SAME
+) -> KernelRequests:
+    """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one, within a distance."""
     num_periods = _finite(num_periods)
     for n in (n for n in range(1, num_periods) if num_periods % n == 0):
         if len(sequence.kind) % (num_periods // n):
             continue
         located: LocatedState = yield location_on(sequence, place, float(n))
-        if np.abs(located.z - place.z).max() < _SAME:
+        if np.abs(located.z - place.z).max() < within:
             return num_periods // n
     return 1
 

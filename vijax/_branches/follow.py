@@ -52,6 +52,8 @@ _NEAR, _AT = 1e-3, 1e-9
 # _ROUNDED: size of a test function below which a given orbit lies on the event.
 # _FALLING: its least rate along the branch there; it does not only touch zero.
 _ROUNDED, _FALLING = 1e-12, 1e-6
+# Distance below which a cycle behind an event repeats a shorter one: close to the event others nearly do.
+_EXACT = 1e-11
 # Most points of a walk back to where a stick vanishes.
 _MOST_BACK = 100
 
@@ -276,8 +278,10 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
         new = yield from by_sequence(walk, test, event)
     except BranchEnd:
         new = yield from continue_by_simulation(event)
-    if (yield from repetitions_of(new.sequence, new.place, walk.num_periods)) > walk.rounds:
-        raise BranchEnd(public_kind(event.kind))  # it meets the branch of a shorter cycle
+    rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, _EXACT)
+    # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events has none.
+    if rounds > walk.rounds and len(new.sequence.kind):
+        raise BranchEnd(public_kind(event.kind))
     return new
 
 
