@@ -37,3 +37,28 @@ def test_it_passes_the_grazing_of_the_shorter_cycle():
     of_one = vx.continuation(shorter, FREQUENCY, (1.5685, 1.5705), progress=False)
     grazings = [point.value for point in of_one.bifurcations if point.kind == "gr"]
     assert np.abs(np.array(grazings) - end.value).min() < 1e-10
+
+
+@pytest.mark.slow
+def test_doubled_branches_of_a_closed_one_end_at_its_grazings_and_it_is_found_once():
+    """A random machine: from either grazing of the closed branch a branch of two periods leads to a period doubling."""
+
+    def slot(frequency: float) -> vx.ImpactSystem:
+        load = vx.Harmonic(
+            [[1.78784], [0.720234], [0.399136]], frequency, [[0.319805], [5.3614], [3.15527]], mean=[0.364744]
+        )
+        stops = [vx.Stop(0, -0.0547404, "lower", 0.801021), vx.Stop(0, 0.0, "upper", 1.0)]
+        return vx.ImpactSystem([6.54315], [[0.0]], [[1.74354]], load, stops)
+
+    # Between the last point of the branch from the first orbit and its first point lies the second orbit.
+    values, start = [2.490049, 2.489005], {"x0": [-0.0112], "v0": [0.1552]}
+    ds = vx.sweep(slot(values[0]), {FREQUENCY: values}, transient=400, progress=False, **start)
+    closed, *doubled = vx.branches(vx.periodic_orbits(ds, progress=False), (1.6, 2.6), progress=False)
+    assert closed.ends == ("closed", "closed")
+    grazings, doublings = (
+        sorted(point.value for point in closed.bifurcations if point.kind == kind) for kind in ("gr", "pd")
+    )
+    ends = [dict(zip(branch.ends, branch.values[[0, -1]], strict=True)) for branch in doubled]
+    expected = zip(grazings, doublings[::-1], strict=True)
+    for end, (grazing, doubling) in zip(sorted(ends, key=lambda own: own["gr"]), expected, strict=True):
+        assert end == pytest.approx({"gr": grazing, "period_doubling": doubling}, rel=1e-9)
