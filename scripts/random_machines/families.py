@@ -325,14 +325,8 @@ def _other_ends(
 
 
 def _is_whole(branch: vx.Branch) -> bool:
-    """Whether a branch does not depend on the orbit from which it is followed.
-
-    Of infinitely many grazings towards a completion of chatter it has the first ones, from its start. Where an orbit of several
-    periods grazes, it may be a shorter one traversed several times: several branches meet there, and one is followed.
-    """
-    grazes = any(point.kind == "gr" for point in branch.bifurcations)
-    is_short = branch.points.attrs["num_periods"] == 1
-    return "chatter_completion" not in branch.ends and (is_short or not grazes)
+    """False for a branch that has the first ones, from its start, of infinitely many grazings towards a completion of chatter."""
+    return "chatter_completion" not in branch.ends
 
 
 def _is_cut(found: list[vx.Branch]) -> bool:
