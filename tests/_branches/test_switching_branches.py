@@ -193,3 +193,18 @@ def test_a_branch_passes_grazings_on_which_friction_acts_from_both_sides(name):
     assert [kind for _, kind in forth] == [kind for _, kind in back] == kinds
     # A slip that begins with a turn and vanishes is a double zero of its velocity: its equations lose half their digits.
     np.testing.assert_allclose([w for w, _ in forth], [w for w, _ in back], rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_contact_that_vanishes_beside_another_compliant_stop_is_passed_once():
+    """A random machine: behind the grazing its first simulated cycle still had the events before it."""
+    load = vx.Harmonic([[0.820017], [1.6411], [0.140007]], 3.47, [[5.56242], [1.96282], [0.293217]])
+    stops = [
+        vx.CompliantStop(0, 0.586741, "upper", 29.2477, 0.770925),
+        vx.CompliantStop(0, -0.157838, "lower", 2.02801, 0.147822),
+    ]
+    system = vx.ImpactSystem([0.133757], [[0.0899119]], [[8.44762]], load, stops)
+    branch = branch_of(system, 100, (3.4, 3.47))
+    assert branch.ends == ("bounds", "bounds")
+    assert [point.kind for point in branch.bifurcations] == ["gr"]
+    assert all_are_followed(branch)

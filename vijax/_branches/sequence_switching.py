@@ -246,6 +246,8 @@ def continue_by_simulation(event: BranchPoint) -> KernelRequests:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
         new = yield from _on_simulated_events(event._replace(place=guess), followed)
+        if all(np.array_equal(a, b) for a, b in zip(new.sequence, event.sequence, strict=True)):
+            continue  # the event is still ahead
         simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
         is_near = np.abs(new.place.z - guess.z).max() < 10 * ds
         if simulated.is_alike and is_near and (yield from _is_joined(event, new)):
