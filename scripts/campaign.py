@@ -12,6 +12,7 @@ import json
 import sys
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -100,13 +101,15 @@ def main() -> None:
     """Play rounds until the time is over."""
     options = arguments()
     jax.config.update("jax_enable_x64", True)
+    play_round = partial(
+        play,
+        machines=options.machines,
+        most_masses=options.masses,
+        families=options.families,
+        sweeps=options.sweeps,
+    )
     if options.round is not None:
-        print(
-            json.dumps(
-                play(options.round, options.machines, options.masses, options.families, options.sweeps),
-                indent=1,
-            )
-        )
+        print(json.dumps(play_round(options.round), indent=1))
         return
     options.out.mkdir(parents=True, exist_ok=True)
     tally = options.out / "tally.jsonl"
@@ -114,7 +117,7 @@ def main() -> None:
     done, number, until = {line["round"] for line in lines}, options.first, time.time() + 3600 * options.hours
     while time.time() < until:
         if number not in done:
-            lines.append(play(number, options.machines, options.masses, options.families, options.sweeps))
+            lines.append(play_round(number))
             with tally.open("a") as file:
                 file.write(json.dumps(lines[-1]) + "\n")
             print(summary(lines), flush=True)

@@ -74,9 +74,8 @@ def check_family(shape: Shape, own: dict, rng: np.random.Generator) -> tuple[lis
         faults += _on_branches(cycles, orbits, found)
         rows = _rows_of_branches(found)
         if len(rows.values):
-            faults += _closing("branch", system, rows, _run(system, rows, rows.v, 0)) + _attraction(
-                system, rows
-            )
+            faults += _closing("branch", system, rows, _run(system, rows, rows.v, 0))
+            faults += _attraction(system, rows)
             faults += _single(shape, own, found)
     counts += Counter(
         swept=POINTS + (4 * ROWS if len(rows.values) else 0),
@@ -267,13 +266,18 @@ def _closing(name: str, system: vx.ImpactSystem, rows: Rows, cycles: np.ndarray)
     is_fair = (n > 0) & (n <= LONGEST) & (largest < UNSTABLE)
     end = cycles[np.arange(len(n)), np.clip(n, 1, LONGEST) - 1]
     # Where a stick erases the start of a cycle, runs from beside it differ by the rounding that grows behind the stick.
-    beside = BESIDE[-1] * np.abs(start).max(axis=1, keepdims=True)
-    away = np.abs(_run(system, rows, rows.v + beside * np.sign(rows.v), 0) - cycles).max(axis=2)
+    away = np.abs(_run(system, rows, _disturbed(rows, BESIDE[-1]), 0) - cycles).max(axis=2)
     spread = np.where(np.arange(LONGEST) < n[:, None], away, 0.0).max(axis=1)
     allowed = CLOSED * largest * (np.abs(cycles).max(axis=(1, 2)) + 1e-3) + MANY * spread
     excess = np.abs(end - start).max(axis=1) / allowed
     wrong = is_fair & ~(excess <= 1)
     return [(f"{name}: closing of an orbit", float(excess[wrong].max()))] if wrong.any() else []
+
+
+def _disturbed(rows: Rows, by: float) -> np.ndarray:
+    """Velocities beside those of orbits, by a share of the size of their states."""
+    size = np.abs(np.concatenate([rows.x, rows.v], axis=1)).max(axis=1, keepdims=True)
+    return rows.v + by * size * np.sign(rows.v)
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -289,9 +293,8 @@ def _attraction(system: vx.ImpactSystem, rows: Rows) -> list[Fault]:
     growth = np.log(np.abs(rows.multipliers[:, 0]) + 1e-300) * (BACK / n)
     is_strange = {"a stable orbit attracts": growth < 2 * np.log(LESS)}
     is_strange["an unstable orbit repels"] = growth > 2 * np.log(MORE)
-    size = np.abs(start).max(axis=1, keepdims=True)
     for beside in BESIDE:
-        end = _run(system, rows, rows.v + beside * size * np.sign(rows.v), BACK)
+        end = _run(system, rows, _disturbed(rows, beside), BACK)
         away = _distance(end[np.arange(len(n)), last], start) / beside
         is_strange["a stable orbit attracts"] &= ~(away <= LESS)
         is_strange["an unstable orbit repels"] &= ~(away >= MORE)
