@@ -43,16 +43,11 @@ def is_at_start(
     s = start.place.along(tangent) - point.place.along(tangent)
     if not 0 < s <= ds or start.tangent.along(tangent) < MIN_TANGENT_COSINE:
         return False
-    if _distance(start.place, between(point, new, s / ds)) > ds:  # at the level of the step, but far from it
+    if start.place.distance(between(point, new, s / ds)) > ds:  # at the level of the step, but far from it
         return False
     seen = yield from on_plane(point, start.place, s)
     found = trimmed(seen.found.place, len(point.sequence.kind))
-    return bool(seen.found.is_converged and _distance(found, start.place) < _AGAIN)
-
-
-def _distance(place: ExtendedCycle, other: ExtendedCycle) -> float:
-    away = place.moved(other, -1.0)
-    return float(np.sqrt(away.along(away)))
+    return bool(seen.found.is_converged and found.distance(start.place) < _AGAIN)
 
 
 def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:

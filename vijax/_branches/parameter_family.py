@@ -42,6 +42,11 @@ class ExtendedCycle(NamedTuple):
         """Inner product with a direction."""
         return sum((a * d).sum() for a, d in zip(self, direction, strict=True))
 
+    def distance(self, other: "ExtendedCycle") -> float:
+        """Distance from another cycle, both concrete."""
+        away = self.moved(other, -1.0)
+        return float(np.sqrt(away.along(away)))
+
 
 class Family(eqx.Module):
     """Machines at all values of one parameter or two, and the equations of their cycles.

@@ -387,9 +387,8 @@ def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] 
         guess = at.place.moved(tangent, ds)
         seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
         new = BranchPoint.of(at.sequence, seen, at.arc + ds)
-        away = new.place.moved(guess, -1.0)
         # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
-        is_near = seen.found.is_converged and np.sqrt(away.along(away)) < ds
+        is_near = seen.found.is_converged and new.place.distance(guess) < ds
         if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
             return new
     raise BranchEnd(End.SEVERAL_EVENTS)

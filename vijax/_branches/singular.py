@@ -61,8 +61,7 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Ke
     guess = between(point, new, s / length)
     place, is_found = yield KernelCall(crossing, point.sequence, (guess,))
     place = trimmed(place, len(point.sequence.kind))
-    away = place.moved(guess, -1.0)
-    if not is_found or not np.sqrt(away.along(away)) < _NEAR:
+    if not is_found or not place.distance(guess) < _NEAR:
         raise BranchEnd(End.NOT_CONVERGED)
     s = place.along(point.tangent) - point.place.along(point.tangent)
     return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
