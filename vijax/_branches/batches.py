@@ -15,15 +15,13 @@ from .step_kernel import first_corrections, take_steps
 
 # `_FEW`, `_MANY`: batch sizes for which kernels are compiled; the larger one runs as often as there are branches for it.
 # `_WORTH_IT`: fewest branches for which the larger one is compiled.
-# `_CHEAPER`: fewest branches for which it is taken once it is compiled.
-_FEW, _MANY, _WORTH_IT, _CHEAPER = 2, 64, 17, 5
-# Fewest branches for which the form of `take_steps` for very many is compiled, which takes twice as long.
-_VERY_MANY = 256
+# `_CHEAPER`: fewest branches for which it is taken once it is compiled. All branches of a batch wait for the slowest: of
+# branches that differ, pairs take a tenth of the time.
+_FEW, _MANY, _WORTH_IT, _CHEAPER = 2, 64, 512, 32
 
-# Kernels, with the layout of families, for which the larger batches were compiled in this process; layouts of families,
-# with padded numbers of events, for which the form for very many was.
-_made: set[tuple[Callable, Layout]] = set()
-_written_out: set[tuple[Layout, int]] = set()
+# Kernels, with the layout of families and the padded number of events of steps, for which the larger batches were compiled
+# in this process.
+_made: set[tuple] = set()
 
 
 class Stock:
@@ -41,17 +39,16 @@ class Stock:
 
 
 class Form(NamedTuple):
-    """Form in which `take_steps` is compiled; see there. `size` is that of the batch."""
+    """Form in which `take_steps` is compiled: size of the batch, and the other two see there."""
 
     size: int
     tries: int
     room: int
-    is_for_very_many: bool = False
 
-    @property
-    def is_for_few(self) -> bool:
-        """True for the smaller batch."""
-        return self.size == _FEW
+
+# Few branches take many steps in a call, and one program serves most simulations. Corrections of many are written out, one
+# step in a call.
+FEW, MANY = Form(_FEW, 16, ROOM_OF_SIMULATION), Form(_MANY, 1, 0)
 
 
 def stacked(trees: list) -> Any:
@@ -59,29 +56,22 @@ def stacked(trees: list) -> Any:
     return jax.tree.map(lambda *a: np.stack(a), *trees)
 
 
-def size_for(program: Callable, layout: Layout, num: int) -> int:
-    """Batch size in which requests for a kernel are answered."""
-    least = _CHEAPER if (program, layout) in _made else _WORTH_IT
-    if num < least:
-        return _FEW
-    _made.add((program, layout))
-    return _MANY
-
-
 def form_of_steps(families: Layout, room: int, num: int) -> Form:
     """Form of `take_steps` for a number of requests for cycles with a padded number of events."""
-    if size_for(take_steps, families, num) == _FEW:
-        # Few branches take many steps, and one program serves most simulations.
-        return Form(_FEW, 16, ROOM_OF_SIMULATION)
-    if num >= _VERY_MANY:
-        _written_out.add((families, room))
-    is_for_very_many = (families, room) in _written_out
-    return Form(_MANY, 1 if is_for_very_many else 8, 0, is_for_very_many)
+    return MANY if _are_many((take_steps, families, room), num) else FEW
+
+
+def _are_many(kernel: tuple, num: int) -> bool:
+    """True if a number of requests for a kernel is answered in the larger batches."""
+    if num < (_CHEAPER if kernel in _made else _WORTH_IT):
+        return False
+    _made.add(kernel)
+    return True
 
 
 def call(program: Callable, families: Packed, rows: Any) -> Packed:
     """Packed results of a kernel for rows of families and of its other arguments, computed batch by batch."""
-    size = size_for(program, families.layout, len(families.reals))
+    size = _MANY if _are_many((program, families.layout), len(families.reals)) else _FEW
     return in_parts(_compiled(program), size, families, pack(rows, has_rows=True))[0]
 
 
@@ -140,7 +130,7 @@ def compiled_steps(form: Form) -> Callable:
 
     of_rows.__name__ = "take_steps"
     run = jit_lightly(of_rows, name=(take_steps.__module__, *form))
-    if not form.is_for_very_many:
+    if form is FEW:
         return run
     correct = _compiled_corrections()
     return lambda *rows: run(*rows, correct(*rows[:4]))

@@ -169,7 +169,7 @@ def take_steps(
 
 
 def first_corrections(families: Family, requests: StepRequest, points: Packed, ds: Array) -> CorrectedCycle:
-    """Corrected cycles of the first try of `take_steps`, in the form for very many branches."""
+    """Corrected cycles of the first try of `take_steps`, in the form for many branches."""
     all_ = jnp.ones(len(ds), bool)
     guess = jax.vmap(_prediction)(points.unpacked(), ds, requests.target, all_)
     return corrected_cycles(families, requests.sequence, *guess)
