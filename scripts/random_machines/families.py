@@ -340,9 +340,11 @@ def _is_cut(found: list[vx.Branch]) -> bool:
 
 
 def _outline(branch: vx.Branch, unit: float) -> tuple[int, list[tuple[str, float]]]:
-    """Number of periods, and bifurcations of a branch sorted by their values, in a unit."""
+    """Number of periods, and bifurcations and ends of a branch sorted by their values, in a unit; a closed one has none."""
     points = sorted((point.value / unit, point.kind) for point in branch.bifurcations)
-    ends = sorted((branch.values[k] / unit, end) for k, end in zip((0, -1), branch.ends, strict=True))
+    ends = sorted(
+        (branch.values[k] / unit, end) for k, end in zip((0, -1), branch.ends, strict=True) if end != "closed"
+    )
     return int(branch.points.attrs["num_periods"]), [(kind, value) for value, kind in points + ends]
 
 
