@@ -123,3 +123,21 @@ def test_a_branch_is_not_closed_where_it_passes_its_start_at_a_distance():
     assert branch.values.max() == pytest.approx(0.42)
     beyond = branch.points.isel(point=(branch.values > 0.4146) & (branch.points["is_stable"].values))
     assert ((beyond["event_stop"] >= 0).sum("event") == 5).any()
+
+
+@pytest.mark.slow
+def test_two_period_doublings_on_one_step_are_found():
+    """A random machine: between two complex pairs the multipliers are real, and one is below -1 for half a per cent."""
+    load = vx.Harmonic(
+        [[0.566391], [0.0], [0.261071]], 1.2100689, [[4.66019], [0.0], [0.140038]], mean=[-0.114019]
+    )
+    system = vx.ImpactSystem([2.76029], [[0.0]], [[1.08134]], load, [vx.Stop(0, 0.635482, "upper", 0.856064)])
+    branch = vx.continuation(
+        vx.periodic_orbit(system, [-1.0845], [-0.5199], 3), "forcing.frequency", (0.8, 1.3), progress=False
+    )
+    assert branch.ends == ("closed", "closed")
+    assert [point.kind for point in branch.bifurcations].count("pd") == 2
+    least, most = sorted(point.value for point in branch.bifurcations if point.kind == "pd")
+    inside = (branch.values > least) & (branch.values < most) & (branch.points["multipliers"][:, 0].real < 0)
+    assert inside.any()
+    assert (branch.points["multipliers"][inside, 0].real < -1).all()

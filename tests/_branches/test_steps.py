@@ -35,7 +35,7 @@ def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> CorrectedCyc
         some(STOPS), some(STOPS), stops, force, some(STOPS), stops, some(STOPS), stops, stops > 0, some()
     )
     rates = Margins(some(ROOM), some(STOPS), some(STOPS), some(STOPS))
-    return jax.device_get(CorrectedCycle(found, watched, rates, some(4)))
+    return jax.device_get(CorrectedCycle(found, watched, rates, some(4), some(5)))
 
 
 def sequence_of(rng: np.random.Generator, num_events: int) -> Sequence:

@@ -208,3 +208,58 @@ def test_a_contact_that_vanishes_beside_another_compliant_stop_is_passed_once():
     assert branch.ends == ("bounds", "bounds")
     assert [point.kind for point in branch.bifurcations] == ["gr"]
     assert all_are_followed(branch)
+
+
+def on_a_belt(frequency: float) -> vx.ImpactSystem:
+    """A random machine between two stops, on a belt."""
+    load = vx.Harmonic([0.605362], frequency, [3.03491])
+    stops = [vx.Stop(0, -0.770777, "lower", 0.456028), vx.Stop(0, 0.755375, "upper", 0.728457)]
+    belt = vx.Friction(0, 0.0487365, 0.0792958, velocity=-0.404664)
+    return vx.ImpactSystem([2.93381], [[0.0]], [[0.700764]], load, stops, friction=[belt])
+
+
+def num_sticks(system: vx.ImpactSystem) -> int:
+    """Sticks in a period of the motion that attracts."""
+    period = system.forcing.period
+    sol = vx.simulate(system, 0.0, 400 * period, throw=False, max_events=8)
+    sol = vx.simulate(system, 0.0, period, sol.x1, sol.v1)
+    return int(np.count_nonzero(np.asarray(sol.events.kind) == vx.STICK))
+
+
+@pytest.mark.slow
+def test_a_branch_passes_a_stick_that_appears_right_before_an_impact():
+    """The velocity of the mass falls to that of the belt at the impact; at the first bifurcation it does so behind another."""
+    bounds = 0.5445, 0.547
+    forth, back = (branch_of(on_a_belt(frequency), 400, bounds) for frequency in bounds)
+    for branch in (forth, back):
+        assert branch.ends == ("bounds", "bounds")
+        assert [point.kind for point in branch.bifurcations] == ["double_impact", "double_impact"]
+        assert all_are_followed(branch)
+    one, other = ([point.value for point in branch.bifurcations] for branch in (forth, back))
+    np.testing.assert_allclose(one, other, rtol=LOCATED)
+    assert [num_sticks(on_a_belt(one[1] + away)) for away in (-1e-7, 1e-7)] == [1, 2]
+
+
+@pytest.mark.slow
+def test_a_closed_branch_with_touches_and_turns_is_followed_to_its_start():
+    """Three periods of a mass between two stops, elastic the upper one, on a slow belt, which turns it at an impact."""
+
+    def closed_branch(frequency: float) -> vx.Branch:
+        load = vx.Harmonic([0.974764], frequency, [0.0421286])
+        stops = [vx.Stop(0, -0.119421, "lower", 0.58736), vx.Stop(0, 0.705297, "upper", 1.0)]
+        belt = vx.Friction(0, 0.0779794, velocity=0.0204287)
+        system = vx.ImpactSystem([0.359245], [[0.0275196]], [[1.37575]], load, stops, friction=[belt])
+        sol = vx.simulate(system, 0.0, 600 * load.period, throw=False, max_events=8)
+        orbit = vx.periodic_orbit(system, sol.x1, sol.v1, num_periods=3)
+        return vx.continuation(orbit, PATH, (2.0, 3.2), progress=False)
+
+    one, other = (closed_branch(frequency) for frequency in (2.76, 2.8))
+    kinds = ["gr", "double_impact", "gr", "gr", "double_impact", "gr", "pd", "fold", "fold"]
+    for branch in (one, other):
+        assert branch.ends == ("closed", "closed")
+        assert [
+            kind for _, kind in sorted((point.value, point.kind) for point in branch.bifurcations)
+        ] == kinds
+        assert all_are_followed(branch)
+    one, other = (sorted(point.value for point in branch.bifurcations) for branch in (one, other))
+    np.testing.assert_allclose(one, other, rtol=LOCATED)

@@ -15,7 +15,7 @@ from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of, is_any
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
-from .._machine.state import KEPT, STICKING
+from .._machine.state import AHEAD, BEHIND, KEPT, STICKING
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents, effective, held_in
 from .._trajectory.batched import row_of_lane
@@ -28,6 +28,8 @@ _DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
 # `_OF_GAP`, `_OF_FORCE`: number of time derivatives of gaps and of contact forces in a reading, the value included; of
 # machines with friction or compliant contacts as many of all guards as of forces.
 _OF_GAP, _OF_FORCE = 4, 3
+# Time from the end of a flight, in forcing periods, that is rounding.
+_AT_END = 1e-13
 
 
 class LeastMargins(NamedTuple):
@@ -240,11 +242,32 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
         return scan.forces.lowered(is_least, least, at, k)
 
     forces = jax.lax.cond(is_any(held), of_held, lambda: scan.forces)
+    if sequence.is_switching:
+        gaps = _with_slips_cut(course, k, before, now, is_on & is_first, gaps)
     # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
     rests = is_on & is_first & ~held & _of_guards(sequence, _is_after_plastic(course, k))
     rises = scan.rises.lowered(rests, now.gap[2], since, k)
     following, sample = jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1)
     return _Scan(jnp.where(is_on, following, scan.flight), sample, now, gaps, forces, rises)
+
+
+def _with_slips_cut(
+    course: Course, k: Array, before: _GapsAndForces, now: _GapsAndForces, is_first: Array, gaps: _Minima
+) -> _Minima:
+    """The minima with the sliding velocities at an impact of another element: these may fall before it, or rise behind it.
+
+    `before` is the reading at the end of the flight before flight `k`, and `now` the one at its beginning.
+    """
+    sequence, last = course.sequence, jnp.maximum(k - 1, 0)
+    if not len(sequence.kind):
+        return gaps
+    kind, duration = _of_flight((sequence.kind, course.flights), last)
+    is_cut = is_first & (k > 0) & (kind == IMPACT) & (duration > 0)
+    modes = (_of_flight(sequence.mode, flight) for flight in (last, k))
+    slid, slides = (_of_guards(sequence, (mode == AHEAD) | (mode == BEHIND)) for mode in modes)
+    at = lambda time: jnp.broadcast_to(time, gaps.since.shape)  # noqa: E731
+    gaps = gaps.lowered(is_cut & slid & (before.gap[1] < 0), before.gap[0], at(duration), last)
+    return gaps.lowered(is_cut & slides & (now.gap[1] > 0), now.gap[0], at(0 * duration), k)
 
 
 def _before_the_scan(course: Course) -> tuple[_Minima, _GapsAndForces]:
@@ -261,13 +284,19 @@ def _of_flight(rows: Any, flight: Array) -> Any:
 
 
 def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMargins) -> Margins:
-    """Margins at the times of `watched`, to be differentiated: to first order the time of a minimum has no effect."""
+    """Margins at the times of `watched`, to be differentiated: to first order the time of a minimum has no effect.
+
+    Values at the end of a flight move with it.
+    """
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     stops = jnp.arange(len(watched.gap))
 
     def at_row(flight: Array, time: Array) -> _GapsAndForces:
         begin = _of_flight(begins, flight)
         since = jnp.maximum(time + problem.phase - jax.lax.stop_gradient(begin.time), 0)
+        if sequence.is_switching:
+            whole = _of_flight(begins.time, jnp.minimum(flight + 1, len(sequence.kind))) - begin.time
+            since = jnp.where(jnp.abs(since - whole) < _AT_END, whole, since)
         return read(machine, flow, begin, jnp.asarray(sequence.mode)[flight], since)
 
     flights = jnp.concatenate([watched.gap_flight, watched.force_flight, watched.rise_flight])

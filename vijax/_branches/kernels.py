@@ -35,13 +35,27 @@ SPARE, _STICKS = 4, 0.5
 MOST_EVENTS = _ROOMS[-1] - SPARE
 
 
+# Length of `CorrectedCycle.past`.
+PAST = 5
+
+
 class CorrectedCycle(NamedTuple):
-    """A corrected cycle, its margins between events, their rates along the branch, its start in space, (2 n,)."""
+    """A corrected cycle.
+
+    Attributes:
+        found: the cycle.
+        watched: its margins between events.
+        rates: of the margins along the branch.
+        start: its start in space, (2 n,).
+        past: the four functions of multipliers, see `of_neighbours`, of the point from which a step led here, and the
+            length of the step; NaN if none did.
+    """
 
     found: Corrected
     watched: LeastMargins
     rates: Margins
     start: Float[Array, " state"]
+    past: Float[Array, " past"]
 
 
 class SimulatedMotion(NamedTuple):
@@ -178,7 +192,8 @@ def _with_rates(
     rates = jax.jvp(levels_at, (now, place.p), (rates, found.tangent.p))[1]
     problem, unknowns = equations.problem, family.unknowns(place)
     start = start_in_middle(problem, unknowns) if family.is_autonomous else unknowns.z
-    return CorrectedCycle(found, watched, rates, start - frame_offset(problem))
+    past = jnp.full(PAST, jnp.nan, start.dtype)
+    return CorrectedCycle(found, watched, rates, start - frame_offset(problem), past)
 
 
 def simulate_motion(

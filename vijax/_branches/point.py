@@ -56,7 +56,8 @@ class BranchPoint(NamedTuple):
         """The point with the opposite tangent."""
         found, rates = self.seen.found, type(self.seen.rates)(*(-rate for rate in self.seen.rates))
         found = found._replace(tangent=found.tangent.turned())
-        return self._replace(seen=self.seen._replace(found=found, rates=rates))
+        past = np.full_like(self.seen.past, np.nan)
+        return self._replace(seen=self.seen._replace(found=found, rates=rates, past=past))
 
 
 class PlainPoint(NamedTuple):

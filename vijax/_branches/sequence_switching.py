@@ -34,6 +34,7 @@ from .sequence_edits import (
     in_rounds,
     passed_section,
     shifted,
+    with_event,
     with_events,
     with_events_merged,
     with_order_exchanged,
@@ -150,7 +151,7 @@ def _without_stick(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
 def _other_reversal(
     event: BranchPoint, test: TestFunction, loses_impact: bool
 ) -> tuple[Sequence, ExtendedCycle] | None:
-    """The events behind a grazing of a mass on which friction acts: that turns there, by the impact or without it."""
+    """The events behind a grazing where friction or compliant contacts act: the mass may turn there, by the impact or not."""
     sequence, place = event.sequence, event.place
     if loses_impact:
         k = test.index
@@ -163,11 +164,12 @@ def _other_reversal(
         return with_events_merged(sequence, place, k + 1) if stops_at_once else (sequence, place)
     if test.kind != Kind.TOUCH:
         return None
-    since = np.abs(np.cumsum(place.flights) - float(event.seen.watched.gap_time[test.index]))
-    is_turn = (sequence.kind == TURN) & (since < _AT_ONCE)
-    if not is_turn.any():
-        return None
-    return with_other_kind(sequence, int(np.argmax(is_turn)), IMPACT, test.index), place
+    watched = event.seen.watched
+    at = int(watched.gap_flight[test.index]), float(watched.gap_time[test.index])
+    is_turn = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - at[1]) < _AT_ONCE)
+    if is_turn.any():
+        return with_other_kind(sequence, int(np.argmax(is_turn)), IMPACT, test.index), place
+    return with_event(sequence, place, IMPACT, test.index, *at)
 
 
 def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: ExtendedCycle) -> KernelRequests:

@@ -17,7 +17,7 @@ from .._jax.packing import Packed, pack
 from .._orbits.sequence import NOTHING, Sequence
 from .admissibility import LeastMargins, Margins
 from .corrector import Corrected
-from .kernels import CorrectedCycle, SimulatedMotion, corrected_cycle, corrected_cycles, simulate_motion
+from .kernels import PAST, CorrectedCycle, SimulatedMotion, corrected_cycle, corrected_cycles, simulate_motion
 from .parameter_family import ExtendedCycle, Family
 from .steps import (
     SHORTEST,
@@ -29,6 +29,7 @@ from .steps import (
     is_resolved,
     next_length,
 )
+from .test_functions import of_neighbours
 
 
 class StepRequest(NamedTuple):
@@ -131,6 +132,7 @@ def take_steps(
             seen = jax.vmap(corrected_cycle)(families, requests.sequence, *guess)
         else:
             seen = known.unpacked()
+        seen = jax.vmap(_with_past)(seen, point, ds)
         sound, plain, length = jax.vmap(_judged)(requests, point, seen, ds)
         has_motion = (plain | requests.simulates) & state.is_live
         simulated = partial(_simulated, room=room)
@@ -210,6 +212,11 @@ def _prediction(
     return guess, weights, jnp.where(jnp.isnan(target), place.along(weights) + ds, target)
 
 
+def _with_past(seen: CorrectedCycle, point: CorrectedCycle, ds: Scalar) -> CorrectedCycle:
+    """The corrected cycle of a step, with what the next one needs of the point where it began."""
+    return seen._replace(past=jnp.append(of_neighbours(point), ds))
+
+
 def _judged(
     request: StepRequest, point: CorrectedCycle, seen: CorrectedCycle, ds: Scalar
 ) -> tuple[Flag, Flag, Scalar]:
@@ -262,4 +269,5 @@ def blank_cycle(sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle
     )
     is_plastic = zeros(num, like=bool)
     watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros())
-    return CorrectedCycle(found, watched, Margins(events, none, none, none), zeros(size))
+    margins = Margins(events, none, none, none)
+    return CorrectedCycle(found, watched, margins, zeros(size), np.full(PAST, np.nan, dtype))

@@ -16,7 +16,7 @@ from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, SimulatedMotion
 from .parameter_family import ExtendedCycle
 from .point import TRUSTED, BranchPoint, DirectedBranch
-from .test_functions import is_crossed, margins, num_unstable, of_neighbours, test_slopes
+from .test_functions import ROUNDING, is_crossed, margins, num_unstable, of_neighbours, test_slopes
 
 # Shortest step, along the scaled parameter or for a cycle of size 1.
 SHORTEST = 1e-9
@@ -32,6 +32,8 @@ FIRST, PROBE = 2e-3, 1e-5
 # `_PLANNED`: the one for which the next step is planned.
 # `_NARROWEST`: length of a step from which on these limits do not shorten it.
 _TURNED, _PLANNED, _NARROWEST = 0.6, 0.4, 1e-6
+# `_WIDE`: length of a step from which on a function of multipliers that seems to pass zero twice does not shorten it.
+_WIDE = 1e-4
 # Multipliers this close to the real axis are real: folds and branch points have test functions of their own.
 _REAL = 1e-9
 
@@ -88,6 +90,7 @@ class StepState(NamedTuple):
         neighbours: values of the test functions of the multipliers, (4,).
         num_unstable: number of unstable multipliers.
         multipliers: (2 n,).
+        past: as in `CorrectedCycle`.
     """
 
     place: ExtendedCycle
@@ -97,6 +100,7 @@ class StepState(NamedTuple):
     neighbours: Array
     num_unstable: Array
     multipliers: Array
+    past: Array
 
     @classmethod
     def of(cls, sequence: Sequence, seen: CorrectedCycle) -> "StepState":
@@ -109,6 +113,7 @@ class StepState(NamedTuple):
             of_neighbours(seen),
             num_unstable(seen),
             seen.found.multipliers,
+            seen.past,
         )
 
 
@@ -138,13 +143,28 @@ def is_accepted(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scal
 
 
 def is_resolved(known: StepState, new: StepState, ds: Scalar) -> Flag:
-    """True where a step is short enough: no pair of multipliers passes +1, and no test function vanishes twice."""
+    """True where a step is short enough: no pair of multipliers passes +1, and no function of it vanishes twice."""
     is_slow = (_multiplier_motion(known, new) <= _TURNED) | (ds <= _NARROWEST)
     falls, rises = known.slopes * ds / 3, new.slopes * ds / 3
     # The Hermite cubic through both ends is positive if these two of its Bernstein coefficients are.
     dips = (falls < 0) & (rises > 0) & ((known.margins + falls <= 0) | (new.margins - rises <= 0))
     is_known = (known.margins > 0) & (new.margins > 0)
-    return is_slow & ~jnp.any(dips & is_known)
+    return is_slow & ~jnp.any(dips & is_known) & ~(_turns_at_zero(known, new, ds) & (ds > _WIDE))
+
+
+def _turns_at_zero(known: StepState, new: StepState, ds: Scalar) -> Flag:
+    """True where a function of multipliers seems to pass zero and come back on a step.
+
+    Their slopes are not known: the parabola through the last three points does so.
+    """
+    sign, before, here, after = jnp.sign(known.neighbours), known.past[:-1], known.neighbours, new.neighbours
+    rise = (here - before) / known.past[-1]
+    bend = ((after - here) / ds - rise) / (known.past[-1] + ds)
+    slope = rise + bend * known.past[-1]
+    is_turning = (sign * slope < 0) & (sign * (slope + 2 * bend * ds) > 0)
+    is_beyond = sign * (here - slope**2 / jnp.where(is_turning, 4 * bend, 1)) < 0
+    is_rounding = jnp.maximum(jnp.abs(here), jnp.abs(after)) < ROUNDING
+    return jnp.any(is_turning & is_beyond & (here * after > 0) & ~is_rounding)
 
 
 def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scalar, most: Scalar) -> Scalar:

@@ -17,8 +17,10 @@ Multipliers = Any
 
 # Distance below which a multiplier has its value at a bifurcation, and the two halves of a cycle are one.
 CLOSE = 1e-4
-# Size below which a function of multipliers, at both ends of a step, is zero up to rounding, as without damping.
-_NOTHING = 1e-10
+# Time within which two events are at once, in forcing periods.
+_AT_ONCE = 1e-9
+# ROUNDING: size below which a function of multipliers, at both ends of a step, is zero, as without damping.
+ROUNDING = 1e-10
 # Distance from the unit circle below which a multiplier is on it up to rounding; a double one has half the digits.
 _ON_CIRCLE = 1e-7
 
@@ -97,7 +99,7 @@ def of_neighbours(seen: CorrectedCycle) -> Any:
 def is_crossed(before: Any, after: Any) -> Any:
     """True where a function of multipliers changes sign between two values that are not both rounding."""
     xp = array_namespace(before, after)
-    return (before * after < 0) & (xp.maximum(xp.abs(before), xp.abs(after)) > _NOTHING)
+    return (before * after < 0) & (xp.maximum(xp.abs(before), xp.abs(after)) > ROUNDING)
 
 
 # Kinds of events at which the least value of a quantity of a stop vanishes, and these quantities.
@@ -168,9 +170,16 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
 
 
 def kind_at(test: TestFunction, sequence: Sequence, seen: CorrectedCycle) -> str:
-    """Kind of the bifurcation at the zero of a test function: a stick may touch a bound where it begins, or later."""
-    if test.kind != Kind.ADDING_SLIDING or test.of_flight:
+    """Kind of the bifurcation at the zero of a test function.
+
+    A stick may touch a bound where it begins, or later, and a slip may lose its speed just when a mass hits a stop.
+    """
+    if test.of_flight or test.kind not in (Kind.ADDING_SLIDING, Kind.GRAZING_SLIDING):
         return test.kind
+    if test.kind == Kind.GRAZING_SLIDING:
+        impacts = np.cumsum(seen.found.place.flights)[np.flatnonzero(sequence.kind == IMPACT)]
+        is_at_impact = np.abs(impacts - float(seen.watched.gap_time[test.index])) < _AT_ONCE
+        return Kind.DOUBLE_IMPACT if is_at_impact.any() else test.kind
     flight, time = int(seen.watched.force_flight[test.index]), float(seen.watched.force_time[test.index])
     begin = float(seen.found.place.flights[:flight].sum())
     return Kind.SWITCHING_SLIDING if flight and abs(time - begin) < CLOSE else Kind.ADDING_SLIDING
