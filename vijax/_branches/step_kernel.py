@@ -269,5 +269,5 @@ def blank_cycle(sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle
     )
     is_plastic = zeros(num, like=bool)
     watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros())
-    margins = Margins(events, none, none, none)
-    return CorrectedCycle(found, watched, margins, zeros(size), np.full(PAST, np.nan, dtype))
+    margins, past = Margins(events, none, none, none), zeros(PAST) + np.nan
+    return CorrectedCycle(found, watched, margins, zeros(size), past)
