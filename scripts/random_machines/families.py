@@ -340,8 +340,14 @@ def _is_cut(found: list[vx.Branch]) -> bool:
 
 
 def _outline(branch: vx.Branch, unit: float) -> tuple[int, list[tuple[str, float]]]:
-    """Number of periods, and bifurcations and ends of a branch sorted by their values, in a unit; a closed one has none."""
-    points = sorted((point.value / unit, point.kind) for point in branch.bifurcations)
+    """Number of periods, and bifurcations and ends of a branch sorted by their values, in a unit.
+
+    Those that rounding hardly separates from a grazing are left out; a closed branch has no ends.
+    """
+    places = sorted((point.value / unit, point.kind) for point in branch.bifurcations)
+    grazings = np.array([value for value, kind in places if kind == "gr"])
+    is_apart = lambda value: (np.abs(grazings - value) > SAME * abs(value)).all()  # noqa: E731
+    points = [(value, kind) for value, kind in places if kind == "gr" or is_apart(value)]
     ends = sorted(
         (branch.values[k] / unit, end) for k, end in zip((0, -1), branch.ends, strict=True) if end != "closed"
     )

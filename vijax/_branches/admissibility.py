@@ -10,14 +10,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._hybrid.guards import select_active
-from .._hybrid.limits import FORCE, GAP, IMPACT
+from .._hybrid.limits import FORCE, GAP, IMPACT, OPEN
 from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of, is_any
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
-from .._machine.state import AHEAD, BEHIND, KEPT, STICKING
+from .._machine.state import AHEAD, BEHIND, CLOSED, KEPT, STICKING
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
-from .._orbits.sequence import NOTHING, Sequence as CycleEvents, effective, held_in
+from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effective, held_in
 from .._trajectory.batched import row_of_lane
 from .minima import dip
 
@@ -243,7 +243,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
 
     forces = jax.lax.cond(is_any(held), of_held, lambda: scan.forces)
     if sequence.is_switching:
-        gaps = _with_slips_cut(course, k, before, now, is_on & is_first, gaps)
+        gaps = _with_cut_guards(course, k, before, now, is_on & is_first, gaps)
     # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
     rests = is_on & is_first & ~held & _of_guards(sequence, _is_after_plastic(course, k))
     rises = scan.rises.lowered(rests, now.gap[2], since, k)
@@ -251,22 +251,28 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     return _Scan(jnp.where(is_on, following, scan.flight), sample, now, gaps, forces, rises)
 
 
-def _with_slips_cut(
+def _with_cut_guards(
     course: Course, k: Array, before: _GapsAndForces, now: _GapsAndForces, is_first: Array, gaps: _Minima
 ) -> _Minima:
-    """The minima with the sliding velocities at an impact of another element: these may fall before it, or rise behind it.
+    """The minima with those at the event before flight `k`, where another event cuts a flight off.
 
-    `before` is the reading at the end of the flight before flight `k`, and `now` the one at its beginning.
+    The sliding velocity may fall before an impact, or rise behind it. Where a compliant contact opens by one guard, the other
+    one may fall. `before` is the reading just before the event, and `now` the one just behind it.
     """
     sequence, last = course.sequence, jnp.maximum(k - 1, 0)
     if not len(sequence.kind):
         return gaps
-    kind, duration = _of_flight((sequence.kind, course.flights), last)
-    is_cut = is_first & (k > 0) & (kind == IMPACT) & (duration > 0)
-    modes = (_of_flight(sequence.mode, flight) for flight in (last, k))
-    slid, slides = (_of_guards(sequence, (mode == AHEAD) | (mode == BEHIND)) for mode in modes)
+    kind, stop, duration = _of_flight((sequence.kind, sequence.stop, course.flights), last)
+    is_cut = is_first & (k > 0) & (duration > 0)
+    mode, following = (_of_flight(sequence.mode, flight) for flight in (last, k))
+    slid, slides = (
+        _of_guards(sequence, (a == AHEAD) | (a == BEHIND)) & (kind == IMPACT) for a in (mode, following)
+    )
+    opens = (_numbers(mode) == stop) & (mode == CLOSED)
+    by_second = kind == OPEN + SECOND
+    falls = slid | jnp.concatenate([opens & by_second, opens & (kind == OPEN)])
     at = lambda time: jnp.broadcast_to(time, gaps.since.shape)  # noqa: E731
-    gaps = gaps.lowered(is_cut & slid & (before.gap[1] < 0), before.gap[0], at(duration), last)
+    gaps = gaps.lowered(is_cut & falls & (before.gap[1] < 0), before.gap[0], at(duration), last)
     return gaps.lowered(is_cut & slides & (now.gap[1] > 0), now.gap[0], at(0 * duration), k)
 
 

@@ -11,9 +11,9 @@ from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, betwe
 from .singular import branch_point, end_of_doubled
 from .test_functions import (
     CLOSE,
-    OF_STOPS,
     TESTS_OF_NEIGHBOURS,
     TestFunction,
+    is_between_events,
     is_crossed,
     kind_at,
     num_on_circle,
@@ -37,7 +37,7 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
     first, before = None, new
     # Where an impact loses its speed a least gap vanishes as well, over a whole interval: the impact is the event. So it is
     # where the impact ends a slip whose speed it has.
-    order = lambda test: (_is_between_events(test), _share(test.of(point.seen), test.of(new.seen)))  # noqa: E731
+    order = lambda test: (is_between_events(test), _share(test.of(point.seen), test.of(new.seen)))  # noqa: E731
     for test in sorted(met, key=order):
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
@@ -46,12 +46,6 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
                 raise BranchEnd(End.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
-
-
-def _is_between_events(test: TestFunction) -> bool:
-    """True for a test function of a guard between events."""
-    is_of_friction = test.kind in (Kind.GRAZING_SLIDING, Kind.ADDING_SLIDING) and not test.of_flight
-    return is_of_friction or test.kind in OF_STOPS
 
 
 def _share(before: float, after: float) -> float:

@@ -75,6 +75,10 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
     """
     loses_impact = bool(test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT)
     if event.sequence.is_switching:
+        if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
+            raise BranchEnd(
+                Kind.DOUBLE_IMPACT
+            )  # two events at once, one of which is not yet among those of the cycle
         other = _other_reversal(event, test, loses_impact)
         if other is not None:
             return (yield from _with_other_reversal(event, *other))

@@ -9,7 +9,7 @@ import numpy as np
 from .._hybrid.limits import CLOSE as CLOSING, IMPACT, OPEN, RELEASE, TURN
 from .._jax.arrays import array_namespace
 from .._machine.state import AHEAD, BEHIND, STICKING
-from .._orbits.sequence import NOTHING, Sequence
+from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
 
@@ -106,6 +106,12 @@ def is_crossed(before: Any, after: Any) -> Any:
 OF_STOPS: dict[str, str] = {Kind.TOUCH: "gap", Kind.FORCE_ZERO: "force", Kind.ONSET: "rise"}
 
 
+def is_between_events(test: TestFunction) -> bool:
+    """True for the test function of a guard between events."""
+    is_of_friction = test.kind in (Kind.GRAZING_SLIDING, Kind.ADDING_SLIDING) and not test.of_flight
+    return is_of_friction or test.kind in OF_STOPS
+
+
 def tests_of(sequence: Sequence) -> list[TestFunction]:
     """Test functions of a sequence, positive as long as a machine can follow it."""
     if sequence.is_switching:
@@ -172,17 +178,26 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
 def kind_at(test: TestFunction, sequence: Sequence, seen: CorrectedCycle) -> str:
     """Kind of the bifurcation at the zero of a test function.
 
-    A stick may touch a bound where it begins, or later, and a slip may lose its speed just when a mass hits a stop.
+    A stick may touch a bound where it begins, or later. A guard may vanish just when another event ends its flight.
     """
-    if test.of_flight or test.kind not in (Kind.ADDING_SLIDING, Kind.GRAZING_SLIDING):
+    if sequence.is_switching and _is_cut(test, sequence, seen):
+        return Kind.DOUBLE_IMPACT
+    if test.kind != Kind.ADDING_SLIDING or test.of_flight:
         return test.kind
-    if test.kind == Kind.GRAZING_SLIDING:
-        impacts = np.cumsum(seen.found.place.flights)[np.flatnonzero(sequence.kind == IMPACT)]
-        is_at_impact = np.abs(impacts - float(seen.watched.gap_time[test.index])) < _AT_ONCE
-        return Kind.DOUBLE_IMPACT if is_at_impact.any() else test.kind
     flight, time = int(seen.watched.force_flight[test.index]), float(seen.watched.force_time[test.index])
     begin = float(seen.found.place.flights[:flight].sum())
     return Kind.SWITCHING_SLIDING if flight and abs(time - begin) < CLOSE else Kind.ADDING_SLIDING
+
+
+def _is_cut(test: TestFunction, sequence: Sequence, seen: CorrectedCycle) -> bool:
+    """True if the guard of a test function is least where another event cuts its flight off, see `admissibility.py`."""
+    if test.of_flight or test.kind not in (Kind.GRAZING_SLIDING, Kind.TOUCH, Kind.FORCE_ZERO):
+        return False
+    is_own = sequence.stop == test.index % sequence.mode.shape[1]
+    opens = is_own & _is_one_of(sequence.kind, (OPEN, OPEN + SECOND))
+    cuts = np.flatnonzero(sequence.kind == IMPACT if test.kind == Kind.GRAZING_SLIDING else opens)
+    since = np.cumsum(seen.found.place.flights)[cuts] - float(seen.watched.gap_time[test.index])
+    return bool((np.abs(since) < _AT_ONCE).any())
 
 
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
