@@ -12,8 +12,8 @@ from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
 from .sequence_edits import with_event, with_events_merged
-from .sequence_switching import later_of_meeting
 from .starts import Start, family_of, starting_orbits
+from .switching_changes import later_of_meeting
 from .test_functions import CLOSE as NEAR, TestFunction, kind_at, tests_of
 
 _NO_SYSTEM: dict[str, str] = {

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
+from .behind_event import step_off
 from .closing import first_repeated, is_at_start, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
@@ -33,7 +34,6 @@ from .sequence_switching import (
     continue_by_simulation,
     cycle_of_simulation,
     in_section,
-    step_off,
     with_simulated_bounces,
 )
 from .steps import PROBE, SHORTEST, PlainSteps, Tried

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .._hybrid.limits import RELEASE, STICK, TURN
-from .._machine.state import STICKING
+from .._hybrid.limits import CLOSE, RELEASE, STICK, TURN
+from .._machine.state import CLOSED, STICKING
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle
 
@@ -27,6 +27,26 @@ def with_event(
         flights[flight + 1] -= since
     kinds, stops = np.insert(sequence.kind, flight, kind), np.insert(sequence.stop, flight, stop)
     return Sequence(kinds, stops, mode), place._replace(flights=flights)
+
+
+def with_contact(
+    sequence: Sequence,
+    place: ExtendedCycle,
+    stop: int,
+    opening: int,
+    flight: int,
+    when: tuple[float, float],
+) -> tuple[Sequence, ExtendedCycle]:
+    """Insert a short contact on a flight: a compliant contact closes and, by an event of kind `opening`, opens.
+
+    `when` is the time of its middle, in forcing periods after the start, and its duration.
+    """
+    middle, duration = when
+    sequence, place = with_event(sequence, place, CLOSE, stop, flight, middle - duration / 2)
+    sequence, place = with_event(sequence, place, opening, stop, flight + 1, middle + duration / 2)
+    mode = sequence.mode.copy()
+    mode[flight + 1, stop] = CLOSED
+    return sequence._replace(mode=mode), place
 
 
 def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
