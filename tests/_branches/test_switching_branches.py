@@ -263,3 +263,56 @@ def test_a_closed_branch_with_touches_and_turns_is_followed_to_its_start():
         assert all_are_followed(branch)
     one, other = (sorted(point.value for point in branch.bifurcations) for branch in (one, other))
     np.testing.assert_allclose(one, other, rtol=LOCATED)
+
+
+def between_preloaded(frequency: float) -> vx.ImpactSystem:
+    """A random machine between two compliant stops with dampers, the lower one with a preload."""
+    load = vx.Harmonic(
+        [[0.605778], [0.0], [2.50545]], frequency, [[0.727769], [0.0], [0.00300965]], mean=[-0.212299]
+    )
+    stops = [
+        vx.CompliantStop(0, 0.41089, "upper", 2.51196, 2.39912),
+        vx.CompliantStop(0, -0.364469, "lower", 132.326, 0.233775, preload=0.261876),
+    ]
+    return vx.ImpactSystem([0.292712], [[0.330553]], [[5.41813]], load, stops)
+
+
+@pytest.mark.slow
+def test_a_branch_passes_a_contact_that_opens_by_its_force_instead_of_its_depth():
+    """There the mass leaves the stop at the velocity at which the damper takes all of the preload."""
+    bounds = 0.69, 0.72
+    for frequency in bounds:
+        branch = branch_of(between_preloaded(frequency), 400, bounds)
+        assert branch.ends == ("bounds", "bounds")
+        assert all_are_followed(branch)
+        (point,) = branch.bifurcations
+        assert point.kind == "double_impact"
+        system = between_preloaded(point.value)
+        at = branch.points.isel(point=point.index)
+        sol = vx.simulate(system, 0.0, system.forcing.period, at["x0"].values, at["v0"].values)
+        opens = np.flatnonzero((np.asarray(sol.events.kind) == vx.OPEN) & (np.asarray(sol.events.stop) == 1))
+        velocities = sol.evaluate(np.asarray(sol.events.t)[opens])[1]
+        assert np.abs(velocities - 0.261876 / 0.233775).min() < 1e-11
+
+
+@pytest.mark.slow
+def test_a_branch_goes_on_behind_the_first_touch_of_a_preloaded_stop():
+    """As at a rigid stop, it turns back there: the motion with the new contact has the frequencies of that without."""
+
+    def touching(frequency: float) -> vx.ImpactSystem:
+        load = vx.Harmonic([0.600289], frequency, [4.95264], mean=[0.0555143])
+        stops = [
+            vx.CompliantStop(0, 0.230779, "upper", 27.4465, 0.0598978, preload=0.938344),
+            vx.CompliantStop(0, -0.468355, "lower", 110.109, 0.0604134, preload=0.0689147),
+        ]
+        return vx.ImpactSystem([0.111878], [[0.149649]], [[2.29772]], load, stops)
+
+    bounds = 0.98, 1.2
+    one, other = (branch_of(touching(frequency), 400, bounds) for frequency in bounds)
+    for branch in (one, other):
+        assert branch.ends == ("bounds", "bounds")
+        assert all_are_followed(branch)
+        assert sorted(point.kind for point in branch.bifurcations) == ["fold", "gr"]
+    one, other = (sorted(point.value for point in branch.bifurcations) for branch in (one, other))
+    np.testing.assert_allclose(one, other, rtol=LOCATED)
+    assert one[1] - one[0] > 1e-3

@@ -25,6 +25,8 @@ _NODES = 9
 # _CROSSED: largest unknown beta of `AtBranchPoint`, by which branches part, at a point where they cross.
 # _NEAR: largest distance of that point from its first guess.
 _CROSSED, _NEAR = 1e-9, 1e-2
+# Distance of the two halves of a doubled cycle within which its end is located as a fold, which is singular there.
+_LOCATED = 1e-6
 
 
 def crossing(
@@ -73,13 +75,19 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
     located: LocatedState = yield location_on(sequence, place, half)
-    if not np.abs(located.z - place.z).max() < CLOSE:
+    away = np.abs(located.z - place.z).max()
+    if not away < CLOSE:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
-    found, is_found = yield KernelCall(doubling, once, (place._replace(flights=place.flights[:num]),))
+    guess = place._replace(flights=place.flights[:num])
+    found, is_found = yield KernelCall(doubling, once, (guess,))
     if not is_found:
         raise BranchEnd(End.NOT_CONVERGED)
+    if (
+        not trimmed(found, num).distance(guess) < _NEAR
+    ):  # a fold beside a grazing, where the two halves are close as well
+        return None
     twice, place = in_a_row([(once, trimmed(found, num))] * 2, half)
     return (yield from _point_at(twice, place, point.tangent, point.arc, Kind.HALF_PERIOD))
 
