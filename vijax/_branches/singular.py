@@ -82,12 +82,12 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     guess = place._replace(flights=place.flights[:num])
     found, is_found = yield KernelCall(doubling, once, (guess,))
+    # At a fold beside a grazing the two halves may be close as well.
+    is_other = not trimmed(found, num).distance(guess) < _NEAR if is_found else away > _LOCATED
+    if is_other:
+        return None
     if not is_found:
         raise BranchEnd(End.NOT_CONVERGED)
-    if (
-        not trimmed(found, num).distance(guess) < _NEAR
-    ):  # a fold beside a grazing, where the two halves are close as well
-        return None
     twice, place = in_a_row([(once, trimmed(found, num))] * 2, half)
     return (yield from _point_at(twice, place, point.tangent, point.arc, Kind.HALF_PERIOD))
 
