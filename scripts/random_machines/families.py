@@ -29,7 +29,7 @@ MANY = 10
 # unstable one may have a stable one beside it. Periods until those that attract are back, and the others have left.
 BESIDE, BACK = (1e-5, 1e-9), 100
 # Relative distance of a frequency from a bifurcation below which orbits are not run: basins shrink to nothing there.
-NEAR = 1e-6
+NEAR = 1e-5
 # Fall of the disturbance of a stable orbit that is demanded, and growth of that of an unstable one from where the growth is
 # expected to be at least its square.
 LESS, MORE = 1e-2, 1e2

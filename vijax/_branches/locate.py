@@ -110,7 +110,7 @@ def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -
         at = yield from (branch_point if test.kind == Kind.BRANCH_POINT else locate)(point, new, test)
         if not _is_there(test, at.seen):
             continue
-        if test.kind == Kind.FOLD and walk.rounds % 2:
+        if test.kind in (Kind.FOLD, Kind.BRANCH_POINT) and walk.rounds % 2:
             at = (yield from end_of_doubled(walk.num_periods, at)) or at
         change += {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}.get(at.kind, 1)
         found.append(at)
