@@ -6,12 +6,14 @@ the period doubling of the latter. Newton's method along the branch converges at
 
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
 from .._orbits.sequence import Sequence
+from .corrector import evaluate_at
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
 from .kernels import CorrectedCycle, KernelCall, LocatedState, as_corrected_cycle, location_on, trimmed
 from .kinds import End, Kind
@@ -25,8 +27,9 @@ _NODES = 9
 # _CROSSED: largest unknown beta of `AtBranchPoint`, by which branches part, at a point where they cross.
 # _NEAR: largest distance of that point from its first guess.
 _CROSSED, _NEAR = 1e-9, 1e-2
-# Distance of the two halves of a doubled cycle within which its end is located as a fold, which is singular there.
-_LOCATED = 1e-6
+# Largest distance from -1 of a multiplier of the cycle that doubles its period, where the end of the doubled branch is located
+# as a fold, which is singular there.
+_LIKELY = 0.1
 
 
 def crossing(
@@ -41,15 +44,29 @@ def crossing(
     return place, solved.is_found & (jnp.max(jnp.abs(own)) < _CROSSED)
 
 
-def doubling(
-    family: Family, sequence: Sequence, guess: ExtendedCycle
-) -> tuple[ExtendedCycle, Bool[Array, ""]]:
-    """The period doubling of a cycle of half as many periods near a guess, and True if there is one."""
+class Doubling(NamedTuple):
+    """The period doubling near a cycle.
+
+    Attributes:
+        place: the cycle that doubles its period.
+        is_found: True if there is one.
+        is_likely: True if the cycle nearby has a multiplier near -1.
+    """
+
+    place: ExtendedCycle
+    is_found: Bool[Array, ""]
+    is_likely: Bool[Array, ""]
+
+
+def doubling(family: Family, sequence: Sequence, guess: ExtendedCycle) -> Doubling:
+    """The period doubling of a cycle of half as many periods near a guess."""
     half = replace(family, num_periods=family.num_periods / 2)
     borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))
     defining = DefiningSystem(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
     solved = solve(defining, defining.unknowns(guess))
-    return defining.place(solved.y)[0], solved.is_found
+    multipliers = evaluate_at(half, sequence, guess, guess).multipliers
+    is_likely = jnp.min(jnp.abs(multipliers + 1), initial=jnp.inf) < _LIKELY
+    return Doubling(defining.place(solved.y)[0], solved.is_found, is_likely)
 
 
 def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
@@ -75,20 +92,16 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
     located: LocatedState = yield location_on(sequence, place, half)
-    away = np.abs(located.z - place.z).max()
-    if not away < CLOSE:
+    if not np.abs(located.z - place.z).max() < CLOSE:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
-    guess = place._replace(flights=place.flights[:num])
-    found, is_found = yield KernelCall(doubling, once, (guess,))
-    # At a fold beside a grazing the two halves may be close as well.
-    is_other = not trimmed(found, num).distance(guess) < _NEAR if is_found else away > _LOCATED
-    if is_other:
+    found: Doubling = yield KernelCall(doubling, once, (place._replace(flights=place.flights[:num]),))
+    if not found.is_likely:  # a fold beside a grazing, where the two halves are close as well
         return None
-    if not is_found:
+    if not found.is_found:
         raise BranchEnd(End.NOT_CONVERGED)
-    twice, place = in_a_row([(once, trimmed(found, num))] * 2, half)
+    twice, place = in_a_row([(once, trimmed(found.place, num))] * 2, half)
     return (yield from _point_at(twice, place, point.tangent, point.arc, Kind.HALF_PERIOD))
 
 
