@@ -316,3 +316,23 @@ def test_a_branch_goes_on_behind_the_first_touch_of_a_preloaded_stop():
     one, other = (sorted(point.value for point in branch.bifurcations) for branch in (one, other))
     np.testing.assert_allclose(one, other, rtol=LOCATED)
     assert one[1] - one[0] > 1e-3
+
+
+@pytest.mark.slow
+def test_a_doubled_branch_turns_back_beside_the_grazing_where_it_ends():
+    """At that fold both halves of the orbit are nearly one, but it is not the end at the period doubling."""
+    load = vx.Harmonic(
+        [[1.00958], [3.03048], [0.209372]], 1.06, [[5.86431], [3.97218], [1.61575]], mean=[-0.0554809]
+    )
+    stops = [
+        vx.CompliantStop(0, 0.53906, "upper", 86.5208, preload=0.17728),
+        vx.CompliantStop(0, -0.154443, "lower", 759.669, preload=0.128135),
+    ]
+    system = vx.ImpactSystem([0.362058], [[0.183365]], [[25.3855]], load, stops)
+    sol = vx.simulate(system, 0.0, 400 * load.period, throw=False, max_events=8)
+    orbit = vx.periodic_orbit(system, sol.x1, sol.v1, num_periods=2)
+    branch = vx.continuation(orbit, PATH, (1.04, 1.1), progress=False)
+    assert sorted(branch.ends) == ["gr", "period_doubling"]
+    values = {kind: [p.value for p in branch.bifurcations if p.kind == kind] for kind in ("gr", "fold", "bp")}
+    assert [len(own) for own in values.values()] == [2, 1, 1]
+    assert 0 < min(values["gr"]) - values["fold"][0] < 1e-7

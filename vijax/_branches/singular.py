@@ -27,9 +27,11 @@ _NODES = 9
 # _CROSSED: largest unknown beta of `AtBranchPoint`, by which branches part, at a point where they cross.
 # _NEAR: largest distance of that point from its first guess.
 _CROSSED, _NEAR = 1e-9, 1e-2
-# Largest distance from -1 of a multiplier of the cycle that doubles its period, where the end of the doubled branch is located
-# as a fold, which is singular there.
-_LIKELY = 0.1
+# The end of a doubled branch, located as a fold, which is singular there:
+# `_LIKELY`: largest distance from -1 of a multiplier of the cycle of half the period.
+# `_LOCATED`: largest distance of the two halves.
+# `_FARTHER`: distance of the end itself beyond that, relative to the distance of the two halves.
+_LIKELY, _LOCATED, _FARTHER = 0.1, 1e-6, 100.0
 
 
 def crossing(
@@ -92,12 +94,18 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
     located: LocatedState = yield location_on(sequence, place, half)
-    if not np.abs(located.z - place.z).max() < CLOSE:
+    away = np.abs(located.z - place.z).max()
+    if not away < CLOSE:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
-    found: Doubling = yield KernelCall(doubling, once, (place._replace(flights=place.flights[:num]),))
-    if not found.is_likely:  # a fold beside a grazing, where the two halves are close as well
+    guess = place._replace(flights=place.flights[:num])
+    found: Doubling = yield KernelCall(doubling, once, (guess,))
+    # At a fold beside a grazing the two halves may be close as well.
+    distance, within = away, _LOCATED
+    if found.is_found:
+        distance, within = trimmed(found.place, num).distance(guess), _LOCATED + _FARTHER * away
+    if not found.is_likely or distance > within:
         return None
     if not found.is_found:
         raise BranchEnd(End.NOT_CONVERGED)
