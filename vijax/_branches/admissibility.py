@@ -64,6 +64,10 @@ class LeastMargins(NamedTuple):
     is_plastic: Bool[Array, " stops"]
     last: Scalar
 
+    def touch_of(self, stop: int) -> tuple[int, float]:
+        """Flight and time of the least gap of a stop, both concrete."""
+        return int(self.gap_flight[stop]), float(self.gap_time[stop])
+
 
 class Margins(NamedTuple):
     """Quantities that stay positive on an admissible cycle: approach speeds, and gap, force, rise of `LeastMargins`."""

@@ -13,11 +13,10 @@ from .kernels import ROOM_OF_SIMULATION
 from .parameter_family import Family
 from .step_kernel import first_corrections, take_steps
 
-# `_FEW`, `_MANY`: batch sizes for which kernels are compiled; the larger one runs as often as there are branches for it.
-# `_WORTH_IT`: fewest branches for which the larger one is compiled.
-# `_CHEAPER`: fewest branches for which it is taken once it is compiled. All branches of a batch wait for the slowest: of
-# branches that differ, pairs take a tenth of the time.
-_FEW, _MANY, _WORTH_IT, _CHEAPER = 2, 64, 512, 32
+# `_WORTH_IT`: fewest branches for which kernels are compiled for `BATCHES`.
+# `_CHEAPER`: fewest branches for which these are taken once they are compiled. All branches of a batch wait for the slowest:
+# of branches that differ, pairs take a tenth of the time.
+_WORTH_IT, _CHEAPER = 512, 32
 
 # Kernels, with the layout of families and the padded number of events of steps, for which the larger batches were compiled
 # in this process.
@@ -39,16 +38,16 @@ class Stock:
 
 
 class Form(NamedTuple):
-    """Form in which `take_steps` is compiled: size of the batch, and the other two see there."""
+    """Form in which kernels are compiled: size of the batch; tries and room of `take_steps`, see there."""
 
     size: int
     tries: int
     room: int
 
 
-# Few branches take many steps in a call, and one program serves most simulations. Corrections of many are written out, one
-# step in a call.
-FEW, MANY = Form(_FEW, 16, ROOM_OF_SIMULATION), Form(_MANY, 1, 0)
+# PAIRS: few branches take many steps in a call, and one program serves most simulations.
+# BATCHES: corrections of many are written out, one step in a call, which runs as often as there are branches for it.
+PAIRS, BATCHES = Form(2, 16, ROOM_OF_SIMULATION), Form(64, 1, 0)
 
 
 def stacked(trees: list) -> Any:
@@ -58,20 +57,19 @@ def stacked(trees: list) -> Any:
 
 def form_of_steps(families: Layout, room: int, num: int) -> Form:
     """Form of `take_steps` for a number of requests for cycles with a padded number of events."""
-    return MANY if _are_many((take_steps, families, room), num) else FEW
+    return _form_of((take_steps, families, room), num)
 
 
-def _are_many(kernel: tuple, num: int) -> bool:
-    """True if a number of requests for a kernel is answered in the larger batches."""
+def _form_of(kernel: tuple, num: int) -> Form:
     if num < (_CHEAPER if kernel in _made else _WORTH_IT):
-        return False
+        return PAIRS
     _made.add(kernel)
-    return True
+    return BATCHES
 
 
 def call(program: Callable, families: Packed, rows: Any) -> Packed:
     """Packed results of a kernel for rows of families and of its other arguments, computed batch by batch."""
-    size = _MANY if _are_many((program, families.layout), len(families.reals)) else _FEW
+    size = _form_of((program, families.layout), len(families.reals)).size
     return in_parts(_compiled(program), size, families, pack(rows, has_rows=True))[0]
 
 
@@ -130,7 +128,7 @@ def compiled_steps(form: Form) -> Callable:
 
     of_rows.__name__ = "take_steps"
     run = jit_lightly(of_rows, name=(take_steps.__module__, *form))
-    if form is FEW:
+    if form is PAIRS:
         return run
     correct = _compiled_corrections()
     return lambda *rows: run(*rows, correct(*rows[:4]))

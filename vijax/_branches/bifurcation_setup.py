@@ -97,7 +97,7 @@ def with_bifurcation_event(
     test, watched = _test_of(kind, sequence, seen), seen.watched
     k, is_tangent = test.index, test.kind != Kind.DOUBLE_IMPACT
     if test.kind == Kind.TOUCH:
-        flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
+        flight, time = watched.touch_of(k)
         sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
         k = flight
     if test.kind == Kind.FORCE_ZERO:

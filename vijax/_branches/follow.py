@@ -305,8 +305,7 @@ def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> KernelRequests:
     yield from follow_branch(back, start)
     last = back.points[-1] if back.end == Kind.CHATTER_COMPLETION else None
     if isinstance(last, BranchPoint) and is_limit(last.place, limit, event.place):
-        way = np.append(last.place.z - event.place.z, last.place.p - event.place.p)
-        arc = max(walk.points[-1].arc, event.arc + float(np.linalg.norm(way)))
+        arc = max(walk.points[-1].arc, event.arc + last.place.distance_of_starts(event.place))
         walk.points.append(last._replace(arc=arc))
         raise BranchEnd(Kind.CHATTER_COMPLETION)
 

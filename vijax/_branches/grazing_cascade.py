@@ -11,7 +11,7 @@ from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
 from .kernels import SPARE, SimulatedMotion, padded, room_for, simulation_of, trimmed
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, KernelRequests, at_parameter
+from .point import BranchPoint, KernelRequests, at_parameter, is_followed
 
 # MANY: number of grazings of one stop that make a cascade, if each is nearer to the next than to the one before.
 # FEW: the same where no other continuation of the branch is found.
@@ -76,8 +76,7 @@ def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> KernelRequ
         if not seen.found.is_converged:
             return None
         found = BranchPoint.of(sequence, seen, last.arc)
-        simulated: SimulatedMotion = yield simulation_of(sequence, found.place)
-        if simulated.is_alike:
+        if (yield from is_followed(found)):
             return found
         place = found.place
     return None

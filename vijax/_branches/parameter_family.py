@@ -47,6 +47,10 @@ class ExtendedCycle(NamedTuple):
         away = self.moved(other, -1.0)
         return float(np.sqrt(away.along(away)))
 
+    def distance_of_starts(self, other: "ExtendedCycle") -> float:
+        """Distance of start and parameter from those of another cycle, which may have other events; both concrete."""
+        return float(np.linalg.norm(np.append(self.z - other.z, self.p - other.p)))
+
 
 class Family(eqx.Module):
     """Machines at all values of one parameter or two, and the equations of their cycles.

@@ -26,6 +26,7 @@ from .point import (
     KernelRequests,
     at_parameter,
     corrected,
+    is_followed,
 )
 from .sequence_edits import (
     are_alike,
@@ -76,8 +77,7 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
 
 def _with_impact(event: BranchPoint, stop: int, how: Rounds) -> KernelRequests:
     """Continue behind a vanishing gap with an impact there."""
-    watched = event.seen.watched
-    at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
+    at = event.seen.watched.touch_of(stop)
     sequence, place, first = with_events(event.sequence, event.place, IMPACT, stop, at, how)
     return (yield from _with_growing_speed(sequence, place, event, first))
 
@@ -145,9 +145,8 @@ def continue_by_simulation(event: BranchPoint) -> KernelRequests:
         new = yield from _on_simulated_events(event._replace(place=guess), followed)
         if all(np.array_equal(a, b) for a, b in zip(new.sequence, event.sequence, strict=True)):
             continue  # the event is still ahead
-        simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
         is_near = np.abs(new.place.z - guess.z).max() < 10 * ds
-        if simulated.is_alike and is_near and (yield from is_joined(event, new)):
+        if is_near and (yield from is_followed(new)) and (yield from is_joined(event, new)):
             return new._replace(kind="", arc=event.arc + ds)
     # Behind a kink the branch may not come to these planes.
     for ds in _TRIALS:
@@ -165,10 +164,10 @@ def _at_parameter_beside(event: BranchPoint, dp: float) -> KernelRequests:
     )
     if new is None or are_alike(new.sequence, event.sequence):
         return None
-    away = np.linalg.norm(np.append(new.place.z - event.place.z, dp))
+    away = new.place.distance_of_starts(event.place)
     if away > 10 * abs(dp) or not (yield from is_joined(event, new)):
         return None
-    new = new._replace(arc=event.arc + float(away))
+    new = new._replace(arc=event.arc + away)
     return new if new.tangent.p * dp > 0 else new.turned()
 
 
@@ -182,8 +181,7 @@ def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelReque
     if not seen.found.is_converged:
         return None
     found = BranchPoint.of(sequence, seen, point.arc)
-    simulated: SimulatedMotion = yield simulation_of(sequence, found.place)
-    return found if simulated.is_alike else None
+    return found if (yield from is_followed(found)) else None
 
 
 def _followed(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._jax.packing import Packed, pack
 from .._orbits.sequence import Sequence
-from .batches import FEW, Stock, answers, call, compiled_steps, form_of_steps, in_parts, joined, stacked
+from .batches import PAIRS, Stock, answers, call, compiled_steps, form_of_steps, in_parts, joined, stacked
 from .kernels import (
     ROOM_OF_SIMULATION,
     CorrectedCycle,
@@ -51,7 +51,7 @@ class StepBatch:
         """Answer all requests: plain steps are taken up to the first one that is not plain, or a few of them."""
         num = len(self)
         form = form_of_steps(self.stock.rows.layout, self.room, num)
-        replies = {} if form is FEW else self._simulated()
+        replies = {} if form is PAIRS else self._simulated()
         state = self._joined()
         if state is None:
             return replies

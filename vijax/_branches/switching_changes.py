@@ -8,10 +8,9 @@ from .._hybrid.limits import IMPACT, OPEN, STICK, TURN
 from .._machine.state import AHEAD, BEHIND
 from .._orbits.sequence import SECOND, Sequence
 from .behind_event import corrected_on_sequence, is_joined, oriented, step_off
-from .kernels import SimulatedMotion, simulation_of
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchEnd, BranchPoint, KernelRequests, corrected
+from .point import BranchEnd, BranchPoint, KernelRequests, corrected, is_followed
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
 
@@ -46,8 +45,7 @@ def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
 
 def _events_behind_touch(event: BranchPoint, stop: int) -> tuple[Sequence, ExtendedCycle]:
     """The events behind a touch of a rigid stop; where friction turns the mass there, the impact does that instead."""
-    sequence, place, watched = event.sequence, event.place, event.seen.watched
-    at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
+    sequence, place, at = event.sequence, event.place, event.seen.watched.touch_of(stop)
     is_turn = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - at[1]) < _AT_ONCE)
     if is_turn.any():
         return with_other_kind(sequence, int(np.argmax(is_turn)), IMPACT, stop), place
@@ -74,16 +72,14 @@ def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: Extended
             new = yield from step_off(at, is_ahead, _OFF_LIGHT)
         except BranchEnd:
             continue
-        simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
-        if simulated.is_alike:
+        if (yield from is_followed(new)):
             return new
     raise BranchEnd(Kind.GRAZING)
 
 
 def _with_contact(event: BranchPoint, stop: int) -> KernelRequests:
     """Continue behind the touch of a compliant contact: it closes and opens, with a given short time between."""
-    watched = event.seen.watched
-    flight, time = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
+    flight, time = event.seen.watched.touch_of(stop)
     for opening in (OPEN, OPEN + SECOND):
         for duration in _CONTACTS:
             sequence, place = with_contact(
@@ -94,9 +90,8 @@ def _with_contact(event: BranchPoint, stop: int) -> KernelRequests:
             if not seen.found.is_converged:
                 continue
             new = BranchPoint.of(sequence, seen, event.arc)
-            simulated: SimulatedMotion = yield simulation_of(sequence, new.place)
-            if simulated.is_alike and (yield from is_joined(event, new)):
-                return new._replace(arc=event.arc + float(np.abs(new.place.z - event.place.z).max()))
+            if (yield from is_followed(new)) and (yield from is_joined(event, new)):
+                return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
     raise BranchEnd(Kind.GRAZING)
 
 
