@@ -1,5 +1,7 @@
 """Branches of machines with dry friction and compliant stops: their bifurcations, by figures of independent computations."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -34,6 +36,20 @@ def branch_of(system: vx.ImpactSystem, periods: int, bounds: tuple[float, float]
 
 def all_are_followed(branch: vx.Branch) -> bool:
     return bool(branch.points["is_admissible"].all())
+
+
+def assert_value_of(point: vx.Bifurcation) -> None:
+    """The value of a bifurcation as a function of the amplitude of the load is that of the branch, and differentiable."""
+    system = point.branch.system
+
+    def value(factor: float | jax.Array) -> jax.Array:
+        load = replace(system.forcing, amplitude=factor * system.forcing.amplitude)
+        return vx.bifurcation_value(point, replace(system, forcing=load))
+
+    assert float(value(1.0)) == pytest.approx(point.value, rel=LOCATED)
+    step = 1e-6
+    difference = (value(1.0 + step) - value(1.0 - step)) / (2 * step)
+    assert float(jax.grad(value)(1.0)) == pytest.approx(float(difference), rel=1e-7)
 
 
 @pytest.mark.slow
@@ -238,6 +254,16 @@ def test_a_branch_passes_a_stick_that_appears_right_before_an_impact():
     one, other = ([point.value for point in branch.bifurcations] for branch in (forth, back))
     np.testing.assert_allclose(one, other, rtol=LOCATED)
     assert [num_sticks(on_a_belt(one[1] + away)) for away in (-1e-7, 1e-7)] == [1, 2]
+    for point in forth.bifurcations:
+        assert_value_of(point)
+    # With a softer stop both meet.
+    path = "stops[0].restitution"
+    plane = {PATH: bounds, path: (0.455, 0.457)}
+    curves = [vx.bifurcation_curve(point, path, plane, progress=False) for point in forth.bifurcations]
+    for curve in curves:
+        assert curve.attrs["ends"] == '["double_impact+double_impact", "bounds"]'
+    ends = [np.array([curve[name][0] for name in plane]) for curve in curves]
+    np.testing.assert_allclose(*ends, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -293,6 +319,7 @@ def test_a_branch_passes_a_contact_that_opens_by_its_force_instead_of_its_depth(
         opens = np.flatnonzero((np.asarray(sol.events.kind) == vx.OPEN) & (np.asarray(sol.events.stop) == 1))
         velocities = sol.evaluate(np.asarray(sol.events.t)[opens])[1]
         assert np.abs(velocities - 0.261876 / 0.233775).min() < 1e-11
+    assert_value_of(point)
 
 
 @pytest.mark.slow

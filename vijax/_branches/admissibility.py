@@ -231,7 +231,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     # The gap is least at an interior minimum, the contact force there or where a stick begins.
     left = _of_guards(sequence, _leaving_stops(sequence, k, course.passed))
     gap = dip(before.gap, now.gap, step, (i == 1) & left)
-    has_length = is_on & ~is_first & (longest > 0)
+    has_length = is_on & ~is_first & (longest > _AT_END * course.whole)
     turns = has_length & ~held & gap.is_there
     turns = turns if idle is None else turns & ~idle
     gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)

@@ -134,7 +134,11 @@ def _with_switching_event(
     flight, guard = int(flights[k]), SECOND * (k >= num)
     of_event = (SLIP if is_force else CLOSE) + guard, k % num, flight, float(times[k])
     sequence, place = with_event(sequence, place, *of_event)
-    return sequence, place, flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
+    is_later = bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
+    if kind == Kind.DOUBLE_IMPACT:
+        # A guard that another event cuts off vanishes at the beginning of its flight, or at the end.
+        return sequence, place, flight + is_later, False
+    return sequence, place, flight, is_later
 
 
 def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunction:

@@ -9,14 +9,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._hybrid.limits import IMPACT
-from .._orbits.sequence import Sequence
+from .._hybrid.limits import CLOSE, IMPACT, RELEASE, SLIP
+from .._orbits.sequence import SECOND, Sequence
 from .codim1_point import CurvePoint, LinearisedReturn
-from .defining_systems import AbstractCondition, AtEvent, DefiningSystem
+from .defining_systems import AbstractCondition, AtEvent, AtTurn, DefiningSystem
 from .kinds import Kind, public_kind
 from .parameter_family import ExtendedCycle
 from .sequence_edits import with_order_exchanged, without_event
-from .test_functions import CLOSE, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
+from .test_functions import (
+    CLOSE as NEAR,
+    TestFunction,
+    is_between_events,
+    kind_at,
+    num_on_circle,
+    of_doubling,
+    of_meeting,
+    of_pairs,
+    tests_of,
+)
 
 Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 
@@ -45,12 +55,14 @@ class CurveTest(NamedTuple):
         of: the function, of a point and of the first point of the step.
         face: index of the face whose multipliers it reads.
         is_end: whether the curve ends there, as the machine follows no orbit beyond or the kind does not exist there.
+        name_at: the name where it depends on the point, see `kind_at`; None otherwise.
     """
 
     name: str
     of: Callable[[CurveNeighbourhood, CurveNeighbourhood], float]
     face: int = 0
     is_end: bool = False
+    name_at: Callable[[CurveNeighbourhood], str] | None = None
 
     def is_met(self, before: CurveNeighbourhood, after: CurveNeighbourhood) -> bool:
         """True if the function vanishes on a step."""
@@ -69,10 +81,14 @@ def curve_tests(kind: str, defining: DefiningSystem, sequence: Sequence) -> list
             for name, (angle, is_end) in _ANGLES.items()
         ]
     return found + [
-        CurveTest(_meeting(kind, test.kind), lambda seen, _, of=test.of: of(seen.at), is_end=True)
+        CurveTest(
+            _meeting(kind, test.kind),
+            lambda seen, _, of=test.of: of(seen.at),
+            is_end=True,
+            name_at=lambda seen, test=test: _meeting(kind, kind_at(test, sequence, seen.at)),
+        )
         for test in tests_of(sequence)
-        if not (sequence.is_switching and public_kind(test.kind) == kind)
-        and not _is_own(kind, defining.condition, test.kind, test.index)
+        if not _is_own(kind, defining.condition, sequence, test)
     ]
 
 
@@ -106,18 +122,23 @@ def _meeting(kind: str, other: str) -> str:
     return "+".join(sorted((kind, public_kind(other))))
 
 
-def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> bool:
-    """True for the event that defines the curve, which has no test function."""
-    return (
-        isinstance(condition, AtEvent)
-        and kind == other
-        and (kind == Kind.FORCE_ZERO or index == int(condition.index))
-    )
+def _is_own(kind: str, condition: AbstractCondition, sequence: Sequence, test: TestFunction) -> bool:
+    """True for a test function that is zero on all of the curve: of its event, or of the guard whose event was inserted."""
+    if not isinstance(condition, AtEvent | AtTurn):
+        return False
+    k = int(condition.index)
+    if not is_between_events(test):
+        return test.index == k and public_kind(test.kind) == kind
+    of_guards = np.isin(sequence.kind % SECOND, (CLOSE, SLIP, RELEASE))
+    inserted = of_guards & (sequence.mode[:-1] == sequence.mode[1:]).all(axis=1)
+    guards = sequence.stop + sequence.mode.shape[1] * (sequence.kind >= SECOND)
+    return test.index in guards[max(k - 1, 0) : k + 1][inserted[max(k - 1, 0) : k + 1]]
 
 
 def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     """Name of a special point, or "" if its multipliers disagree: functions also change sign at infinity."""
-    kinds = test.name.split("+")
+    name = test.name_at(seen) if test.name_at else test.name
+    kinds = name.split("+")
     mu, _, independence = seen.faces[test.face]
     # Where a grazing impact does not act on its next return the pencil is singular: every number is a multiplier.
     if (
@@ -127,12 +148,12 @@ def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     ):
         return "resonant_grazing"
     if Kind.NEIMARK_SACKER in kinds:
-        return test.name if num_on_circle(mu) >= 2 * kinds.count(Kind.NEIMARK_SACKER) else ""
-    near = _NEAR.get(test.name) or [
+        return name if num_on_circle(mu) >= 2 * kinds.count(Kind.NEIMARK_SACKER) else ""
+    near = _NEAR.get(name) or [
         _NEAR[kind][0] for kind in kinds if kind in (Kind.FOLD, Kind.BRANCH_POINT, Kind.PERIOD_DOUBLING)
     ]
-    is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(CLOSE)) >= near.count(a) for a in near)
-    return test.name if is_there else ""
+    is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(NEAR)) >= near.count(a) for a in near)
+    return name if is_there else ""
 
 
 def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:

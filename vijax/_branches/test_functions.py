@@ -166,17 +166,14 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
         is_friction = slides[j % num]
         kind = Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO
         found.append(TestFunction(kind, lambda seen, j=j: float(seen.watched.gap[j]), j))
-
-        def of_force(seen: CorrectedCycle, j: int = j) -> float:
-            return float(seen.watched.force[j])
-
-        found.append(TestFunction(Kind.ADDING_SLIDING if is_friction else Kind.FORCE_ZERO, of_force, j))
+        kind = Kind.ADDING_SLIDING if is_friction else Kind.FORCE_ZERO
+        found.append(TestFunction(kind, lambda seen, j=j: float(seen.watched.force[j]), j))
         found.append(TestFunction(Kind.ONSET, lambda seen, j=j: float(seen.watched.rise[j]), j))
     return found
 
 
-def kind_at(test: TestFunction, sequence: Sequence, seen: CorrectedCycle) -> str:
-    """Kind of the bifurcation at the zero of a test function.
+def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
+    """Kind of the bifurcation at the zero of a test function, of a corrected cycle or of a point of a curve.
 
     A stick may touch a bound where it begins, or later. A guard may vanish just when another event ends its flight.
     """
@@ -189,7 +186,7 @@ def kind_at(test: TestFunction, sequence: Sequence, seen: CorrectedCycle) -> str
     return Kind.SWITCHING_SLIDING if flight and abs(time - begin) < CLOSE else Kind.ADDING_SLIDING
 
 
-def _is_cut(test: TestFunction, sequence: Sequence, seen: CorrectedCycle) -> bool:
+def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
     """True if the guard of a test function is least where another event cuts its flight off, see `admissibility.py`."""
     if test.of_flight or test.kind not in (Kind.GRAZING_SLIDING, Kind.TOUCH, Kind.FORCE_ZERO):
         return False
