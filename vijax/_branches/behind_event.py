@@ -6,7 +6,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .kernels import trimmed
-from .kinds import End
+from .kinds import End, Kind
 from .parameter_family import ExtendedCycle
 from .point import (
     BranchEnd,
@@ -15,13 +15,57 @@ from .point import (
     at_parameter,
     correct_with_free_parameter,
     corrected,
+    is_followed,
 )
-from .test_functions import tests_of
+from .test_functions import TestFunction, tests_of
 
 # Lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
 _OFF = 1e-7, 1e-8, 1e-9, 1e-10
+# Size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one, both
+# vanish as the square of what tells the cycles apart.
+_TOGETHER = 1e-7
+# Distance, in forcing periods, at which events are told apart that a symmetry makes vanish together.
+_APART = 1e-4, 1e-5, 1e-3
 # Distance behind an event that is no jump, and share of the way to it at which a larger one must be smaller.
 _JUMP, _NEARER = 1e-5, 0.1
+
+
+def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
+    """Numbers of the events or stops of all test functions like a given one that vanish at an event, its own included.
+
+    A symmetric machine touches two stops at once, for instance.
+    """
+    positions, velocities = np.split(np.abs(event.seen.start), 2)
+    sizes: dict[str, float] = {Kind.TOUCH: positions.max(), Kind.GRAZING: velocities.max()}
+    size = _TOGETHER * (1.0 if test.of_flight else sizes.get(test.kind, 0.0))
+    return [
+        one.index
+        for one in tests_of(event.sequence)
+        if (one.kind, one.of_flight) == (test.kind, test.of_flight)
+        and (one.index == test.index or abs(one.of(event.seen)) < size)
+    ]
+
+
+def apart(
+    event: BranchPoint, sequence: Sequence, place: ExtendedCycle, ends: list[int], later: float
+) -> KernelRequests:
+    """The followed point on a new sequence whose events `ends` have left an event by a given time; None if there is none.
+
+    Where several leave, the tangent at the event does not tell in which proportion. Each comes earlier (-1) or later (1).
+    """
+    moves = np.isin(np.arange(len(place.flights)), ends).astype(float)
+    weights = ExtendedCycle(0 * place.z, np.cumsum(moves[::-1])[::-1], 0 * place.p)  # the sum of their times
+    for away in _APART:
+        guess = place._replace(flights=place.flights + later * away * np.diff(moves, prepend=0.0))
+        seen = yield from corrected(sequence, guess, weights, guess.along(weights))
+        if not seen.found.is_converged:
+            continue
+        new = BranchPoint.of(sequence, seen, event.arc)
+        if (yield from is_followed(new)) and (yield from is_joined(event, new)):
+            is_away = new.tangent.along(weights) * later > 0
+            new = new if is_away else new.turned()
+            return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
+    return None
 
 
 def corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> KernelRequests:

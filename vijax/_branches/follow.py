@@ -16,7 +16,7 @@ from .degenerate_grazing import grazing_of_shorter_cycle
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import SimulatedMotion, simulation_from, simulation_of, trimmed
 from .kinds import End, Kind, public_kind
-from .locate import first_event, special_points
+from .locate import first_event, is_passed, special_points
 from .parameter_family import ExtendedCycle
 from .point import (
     TRUSTED,
@@ -221,7 +221,8 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | No
     if tried is None:
         return None
     new = tried.point
-    met = without_echoes(point.sequence, crossings(tests_of(point.sequence), point.seen, new.seen))
+    crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
+    met = without_echoes(point.sequence, crossed)
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
     confirmed = followed = None
@@ -230,6 +231,8 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | No
         if not confirmed.is_admissible:
             return None
     event, last = yield from first_event(point, new, met)
+    if any(is_passed(test, last) for test in crossed if test not in met):
+        return None  # a guard that vanishes before the event with which it seemed to vanish
     special, is_whole = yield from special_points(walk, point, last)
     if not is_whole and ds > _SEPARATE:
         return None

@@ -24,6 +24,8 @@ from .test_functions import (
 _OFF = 1e-7
 # Size of a test function that is zero, relative to that at the beginning of the step.
 _ZERO = 1e-6
+# Size of one that is zero where others vanish with it by a symmetry: the equations determine its square.
+_SQUARE = 1e-8
 # Size from which a multiplier that changes sign on a step passes infinity, not zero.
 _LARGE = 1e2
 
@@ -42,10 +44,15 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
             # The functions of other events may jump behind the first.
-            if len(met) > 1 and not abs(test.of(event.seen)) < _ZERO * test.of(point.seen):
+            if len(met) > 1 and not abs(test.of(event.seen)) < max(_ZERO * test.of(point.seen), _SQUARE):
                 raise BranchEnd(End.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
+
+
+def is_passed(test: TestFunction, point: BranchPoint) -> bool:
+    """True if the guard of a test function has vanished before a point, by more than rounding."""
+    return is_between_events(test) and bool(test.of(point.seen) < -_SQUARE)
 
 
 def _share(before: float, after: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .._orbits.sequence import NOTHING, Sequence
-from .behind_event import corrected_on_sequence, is_joined, oriented, step_off
+from .behind_event import apart, corrected_on_sequence, is_joined, oriented, step_off, vanishing_with
 from .kernels import (
     KernelCall,
     LocatedState,
@@ -36,6 +36,7 @@ from .sequence_edits import (
     with_events,
     with_order_exchanged,
     with_stick,
+    with_touches,
     without_event,
     without_stick,
 )
@@ -66,7 +67,7 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
         raise BranchEnd(test.kind)
     for rounds in sorted({1, walk.rounds}):
         try:
-            new = yield from _CHANGES[test.kind](event, test.index, (rounds, walk.num_periods))
+            new = yield from _CHANGES[test.kind](event, test, (rounds, walk.num_periods))
         except BranchEnd as why:
             if rounds == walk.rounds:
                 raise why
@@ -75,18 +76,26 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
         return new
 
 
-def _with_impact(event: BranchPoint, stop: int, how: Rounds) -> KernelRequests:
-    """Continue behind a vanishing gap with an impact there."""
+def _with_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
+    """Continue behind a vanishing gap with an impact there, and at every other stop that is touched."""
+    stops = vanishing_with(event, test)
+    if len(stops) > 1:
+        touches = {stop: event.seen.watched.touch_of(stop) for stop in stops}
+        new = yield from apart(event, *with_touches(event.sequence, event.place, touches), -1)
+        if new is not None:
+            return new
+    stop = test.index
     at = event.seen.watched.touch_of(stop)
     sequence, place, first = with_events(event.sequence, event.place, IMPACT, stop, at, how)
     return (yield from _with_growing_speed(sequence, place, event, first))
 
 
-def _without_impact(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
-    """Continue behind an impact that loses its speed, without it."""
-    sequence, place = event.sequence, event.place
-    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
-    for number in in_rounds(k, len(sequence.kind), how)[::-1]:
+def _without_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
+    """Continue behind an impact that loses its speed, without it, and without those of other stops that lose theirs."""
+    sequence, place, k = event.sequence, event.place, test.index
+    stop, time, lost = int(sequence.stop[k]), float(place.flights[: k + 1].sum()), vanishing_with(event, test)
+    each = [one for one in lost if one == k or sequence.stop[one] != stop]
+    for number in sorted({i for one in each for i in in_rounds(one, len(sequence.kind), how)})[::-1]:
         sequence, place = without_event(sequence, place, number)
     at = yield from corrected_on_sequence(sequence, place, event)
     request = KernelCall(locate_state, sequence, (at.place, at.tangent, np.asarray(time)))
@@ -94,9 +103,9 @@ def _without_impact(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     return (yield from step_off(at, float(located.gap_rates[stop]) > 0))
 
 
-def _in_other_order(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
+def _in_other_order(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
     """Continue behind two simultaneous impacts in the other order."""
-    sequence, place = event.sequence, event.place
+    sequence, place, k = event.sequence, event.place, test.index
     if not _are_impacts(sequence, k):
         raise BranchEnd(Kind.DOUBLE_IMPACT)
     for number in in_rounds(k, len(sequence.kind), how):
@@ -104,18 +113,18 @@ def _in_other_order(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     return (yield from oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_stick(event: BranchPoint, stop: int, how: Rounds) -> KernelRequests:
+def _with_stick(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
     """Continue behind an impact of zero restitution that no longer frees its mass, with a stick."""
     sequence, place = event.sequence, event.place
-    flight = int(event.seen.watched.rise_flight[stop])
+    flight = int(event.seen.watched.rise_flight[test.index])
     for number in in_rounds(flight - 1, len(sequence.kind), how)[::-1]:
         sequence, place = with_stick(sequence, place, number)
     return (yield from oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
 
 
-def _without_stick(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
+def _without_stick(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
     """Continue behind a stick of zero duration without it, if its impact has zero restitution."""
-    sequence, place = event.sequence, event.place
+    sequence, place, k = event.sequence, event.place, test.index
     if not event.seen.watched.is_plastic[sequence.stop[k]]:  # ever more bounces follow: `grazing_cascade.py`
         raise BranchEnd(Kind.CHATTER_COMPLETION)
     for number in in_rounds(k, len(sequence.kind), how)[::-1]:

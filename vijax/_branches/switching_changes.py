@@ -7,7 +7,7 @@ import numpy as np
 from .._hybrid.limits import IMPACT, OPEN, STICK, TURN
 from .._machine.state import AHEAD, BEHIND
 from .._orbits.sequence import SECOND, Sequence
-from .behind_event import corrected_on_sequence, is_joined, oriented, step_off
+from .behind_event import apart, corrected_on_sequence, is_joined, oriented, step_off, vanishing_with
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
 from .point import BranchEnd, BranchPoint, KernelRequests, corrected, is_followed
@@ -30,38 +30,52 @@ def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
     if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
         raise BranchEnd(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+    together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
         try:
-            return (yield from _with_other_reversal(event, *_events_behind_touch(event, test.index)))
+            return (yield from _with_impacts(event, together))
         except BranchEnd:
-            return (yield from _with_contact(event, test.index))
+            return (yield from _with_contacts(event, together))
     if test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT:
-        other = _events_behind_lost_impact(event, test.index)
+        other = _events_behind_lost_impacts(event, together)
         return (yield from _with_other_reversal(event, *other)) if other else None
     if _stops_at_impact(event.sequence, test):
         return (yield from _with_other_slip(event, test.index))
-    return (yield from _with_merged_events(event, test))
+    return (yield from _with_merged_events(event, test, together))
 
 
-def _events_behind_touch(event: BranchPoint, stop: int) -> tuple[Sequence, ExtendedCycle]:
-    """The events behind a touch of a rigid stop; where friction turns the mass there, the impact does that instead."""
-    sequence, place, at = event.sequence, event.place, event.seen.watched.touch_of(stop)
-    is_turn = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - at[1]) < _AT_ONCE)
-    if is_turn.any():
-        return with_other_kind(sequence, int(np.argmax(is_turn)), IMPACT, stop), place
-    return with_event(sequence, place, IMPACT, stop, *at)
+def _with_impacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
+    """Continue behind a touch of rigid stops; where friction turns the mass there, the impact does that instead."""
+    sequence, place, impacts = event.sequence, event.place, []
+    for (flight, time), stop in sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]:
+        turns = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - time) < _AT_ONCE)
+        if turns.any():
+            impact = int(np.argmax(turns))
+            sequence = with_other_kind(sequence, impact, IMPACT, stop)
+        else:
+            impact, impacts = flight, [k + 1 for k in impacts]
+            sequence, place = with_event(sequence, place, IMPACT, stop, flight, time)
+        impacts.append(impact)
+    if len(stops) == 1:
+        return (yield from _with_other_reversal(event, sequence, place))
+    new = yield from apart(event, sequence, place, impacts, -1)
+    if new is None:
+        raise BranchEnd(Kind.GRAZING)
+    return new
 
 
-def _events_behind_lost_impact(event: BranchPoint, k: int) -> tuple[Sequence, ExtendedCycle] | None:
-    """The events behind an impact that loses its speed, where friction turns or stops the mass in its place; else None."""
+def _events_behind_lost_impacts(event: BranchPoint, lost: list[int]) -> tuple[Sequence, ExtendedCycle] | None:
+    """The events behind impacts that lose their speed, where friction turns or stops the mass in their place; else None."""
     sequence, place = event.sequence, event.place
-    turned = np.flatnonzero(sequence.mode[k] != sequence.mode[k + 1])
-    if len(turned) != 1:
-        return None
-    sequence = with_other_kind(sequence, k, TURN, int(turned[0]))
-    ends = k + 1 < len(sequence.kind) and sequence.stop[k + 1] == turned[0]
-    stops_at_once = ends and abs(place.flights[k + 1]) < _AT_ONCE
-    return with_events_merged(sequence, place, k + 1) if stops_at_once else (sequence, place)
+    for k in lost[::-1]:
+        turned = np.flatnonzero(sequence.mode[k] != sequence.mode[k + 1])
+        if len(turned) != 1:
+            return None
+        sequence = with_other_kind(sequence, k, TURN, int(turned[0]))
+        ends = k + 1 < len(sequence.kind) and sequence.stop[k + 1] == turned[0]
+        if ends and abs(place.flights[k + 1]) < _AT_ONCE:  # it stops at once
+            sequence, place = with_events_merged(sequence, place, k + 1)
+    return sequence, place
 
 
 def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
@@ -77,16 +91,18 @@ def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: Extended
     raise BranchEnd(Kind.GRAZING)
 
 
-def _with_contact(event: BranchPoint, stop: int) -> KernelRequests:
-    """Continue behind the touch of a compliant contact: it closes and opens, with a given short time between."""
-    flight, time = event.seen.watched.touch_of(stop)
+def _with_contacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
+    """Continue behind the touch of compliant contacts: each closes and opens, with a given short time between."""
+    touches = sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]
     for opening in (OPEN, OPEN + SECOND):
         for duration in _CONTACTS:
-            sequence, place = with_contact(
-                event.sequence, event.place, stop, opening, flight, (time, duration)
-            )
-            weights = ExtendedCycle(0 * place.z, np.eye(len(place.flights))[flight + 1], 0 * place.p)
-            seen = yield from corrected(sequence, place, weights, duration)
+            sequence, place = event.sequence, event.place
+            lasts = 0 * place.flights
+            for (flight, time), stop in touches:
+                sequence, place = with_contact(sequence, place, stop, opening, flight, (time, duration))
+                lasts = np.insert(lasts, flight, [0.0, 1.0])
+            weights = ExtendedCycle(0 * place.z, lasts, 0 * place.p)
+            seen = yield from corrected(sequence, place, weights, duration * len(stops))
             if not seen.found.is_converged:
                 continue
             new = BranchPoint.of(sequence, seen, event.arc)
@@ -112,15 +128,21 @@ def _with_other_slip(event: BranchPoint, k: int) -> KernelRequests:
     return (yield from oriented(sequence, event.place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequests:
-    """Continue behind two events of one element that meet, without them, or with one event in their place."""
-    sequence, k = event.sequence, test.index
+def _with_merged_events(event: BranchPoint, test: TestFunction, together: list[int]) -> KernelRequests:
+    """Continue behind two events of one element that meet, without them, or with one event in their place.
+
+    Pairs that meet `together` with them are merged as well.
+    """
+    sequence, place, k = event.sequence, event.place, test.index
     if test.kind == Kind.GRAZING:
         k = later_of_meeting(event, k)
+        together = [later_of_meeting(event, one) for one in together]
     elif not (test.of_flight and test.kind in _OF_STICKS):
         raise BranchEnd(test.kind)  # an event appears, or two elements switch at once
     stop, num = int(sequence.stop[k]), sequence.mode.shape[1]
-    at = yield from corrected_on_sequence(*with_events_merged(sequence, event.place, k), event)
+    for one in sorted({*together})[::-1]:
+        sequence, place = with_events_merged(sequence, place, one)
+    at = yield from corrected_on_sequence(sequence, place, event)
     rates, least = at.seen.rates, at.seen.watched.force
     guard = min((stop, stop + num), key=lambda j: abs(least[j]))
     rates_of: dict[str, Any] = {

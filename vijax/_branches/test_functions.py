@@ -156,10 +156,13 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
     for k in range(len(sequence.kind)):
         if has_speed[k]:
             kind = Kind.CROSSING_SLIDING if sequence.kind[k] == TURN else Kind.GRAZING
-            found.append(TestFunction(kind, lambda seen, k=k: float(seen.found.speeds[k]), k))
+            of_speed = lambda seen, k=k: float(seen.found.speeds[k])  # noqa: E731
+            rate = lambda seen, k=k: float(seen.rates.speeds[k])  # noqa: E731
+            found.append(TestFunction(kind, of_speed, k, rate=rate))
         if follows_another[k]:
             of_flight = lambda seen, k=k: float(seen.found.place.flights[k])  # noqa: E731
-            found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True))
+            rate = lambda seen, k=k: float(seen.found.tangent.flights[k])  # noqa: E731
+            found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True, rate=rate))
     num = sequence.mode.shape[1]
     slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING)), axis=0).tolist()
     for j in range(2 * num):
@@ -275,10 +278,12 @@ def without_echoes(sequence: Sequence, met: list[TestFunction]) -> list[TestFunc
         return met
     num = sequence.mode.shape[1]
     # The duration of a slip that begins with a turn is rounded where it vanishes; the force at that turn is not.
-    turns = {test.index: test.of for test in met if test.kind == Kind.CROSSING_SLIDING and not test.of_flight}
+    turns = {test.index: test for test in met if test.kind == Kind.CROSSING_SLIDING and not test.of_flight}
     slips = {test.index for test in met if test.kind == Kind.SWITCHING_SLIDING and test.index - 1 in turns}
     met = [
-        test._replace(of=turns[test.index - 1]) if test.index in slips and test.of_flight else test
+        test._replace(of=turns[test.index - 1].of, rate=turns[test.index - 1].rate)
+        if test.index in slips and test.of_flight
+        else test
         for test in met
     ]
     met = [test for test in met if test.of_flight or test.index + 1 not in slips or test.index not in turns]

@@ -137,6 +137,8 @@ def sequence_of(
     if instants.switched is not None:
         # The mode at the end of each flight: between events others may take over the load of an element.
         before, after = instants.switched.before[row], instants.switched.after[row[-1:]]
+        # Without an event a mass leaves the inside of a contact: the last flight of a cycle ends as the first one does.
+        after = jnp.where((after == INSIDE) & (before[:1] != INSIDE), jnp.int8(FREE), after)
         mode = jnp.concatenate([jnp.where(is_real[:, None], before, after), after])
         mode = jnp.where(is_friction[None] & (mode == HELD), jnp.int8(STICKING), mode)
         return Sequence(kind, stop, mode), flights
