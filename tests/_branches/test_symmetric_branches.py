@@ -7,8 +7,10 @@ import pytest
 
 import vijax as vx
 
-PATH, BOUNDS = "forcing.frequency", (0.3, 2.5)
+PATH, BOUNDS = "forcing.frequency", (0.45, 2.5)
 LOCATED = 1e-10
+# At a grazing the speeds of two impacts that vanish are determined up to the square root of rounding.
+SYMMETRIC = 1e-7
 
 
 def between_stops(frequency: float, *, friction: tuple[vx.Friction, ...] = ()) -> vx.ImpactSystem:
@@ -65,7 +67,7 @@ def test_a_symmetric_motion_gains_both_contacts_at_once_and_loses_both(make):
     for branch in whole:
         assert branch.ends == ("bounds", "bounds")
         assert branch.points["is_admissible"].all()
-        assert asymmetry(branch) < 1e-9
+        assert asymmetry(branch) < SYMMETRIC
     first, *others = ([(point.kind, point.value) for point in branch.bifurcations] for branch in whole)
     for other in others:
         assert [kind for kind, _ in other] == [kind for kind, _ in first]

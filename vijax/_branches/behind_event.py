@@ -24,8 +24,8 @@ _OFF = 1e-7, 1e-8, 1e-9, 1e-10
 # Size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one, both
 # vanish as the square of what tells the cycles apart.
 _TOGETHER = 1e-7
-# Distance, in forcing periods, at which events are told apart that a symmetry makes vanish together.
-_APART = 1e-4, 1e-5, 1e-3
+# Times, in forcing periods, by which such impacts come before their touch.
+_EARLIER = 1e-4, 1e-5, 1e-3
 # Distance behind an event that is no jump, and share of the way to it at which a larger one must be smaller.
 _JUMP, _NEARER = 1e-5, 0.1
 
@@ -46,24 +46,25 @@ def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
     ]
 
 
-def apart(
-    event: BranchPoint, sequence: Sequence, place: ExtendedCycle, ends: list[int], later: float
+def with_earlier_impacts(
+    event: BranchPoint, sequence: Sequence, place: ExtendedCycle, impacts: list[int]
 ) -> KernelRequests:
-    """The followed point on a new sequence whose events `ends` have left an event by a given time; None if there is none.
+    """The followed point behind an event with several new impacts, which come earlier by a given time; None if none is.
 
-    Where several leave, the tangent at the event does not tell in which proportion. Each comes earlier (-1) or later (1).
+    The tangent at the event does not tell in which proportion they do.
     """
-    moves = np.isin(np.arange(len(place.flights)), ends).astype(float)
-    weights = ExtendedCycle(0 * place.z, np.cumsum(moves[::-1])[::-1], 0 * place.p)  # the sum of their times
-    for away in _APART:
-        guess = place._replace(flights=place.flights + later * away * np.diff(moves, prepend=0.0))
+    is_impact = np.isin(np.arange(len(place.flights)), impacts).astype(float)
+    weights = ExtendedCycle(
+        0 * place.z, np.cumsum(is_impact[::-1])[::-1], 0 * place.p
+    )  # the sum of their times
+    for earlier in _EARLIER:
+        guess = place._replace(flights=place.flights - earlier * np.diff(is_impact, prepend=0.0))
         seen = yield from corrected(sequence, guess, weights, guess.along(weights))
         if not seen.found.is_converged:
             continue
         new = BranchPoint.of(sequence, seen, event.arc)
         if (yield from is_followed(new)) and (yield from is_joined(event, new)):
-            is_away = new.tangent.along(weights) * later > 0
-            new = new if is_away else new.turned()
+            new = new if new.tangent.along(weights) < 0 else new.turned()
             return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
     return None
 

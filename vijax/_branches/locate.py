@@ -25,7 +25,7 @@ _OFF = 1e-7
 # Size of a test function that is zero, relative to that at the beginning of the step.
 _ZERO = 1e-6
 # Size of one that is zero where others vanish with it by a symmetry: the equations determine its square.
-_SQUARE = 1e-8
+_SQUARE = 1e-7
 # Size from which a multiplier that changes sign on a step passes infinity, not zero.
 _LARGE = 1e2
 
@@ -44,7 +44,8 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
             # The functions of other events may jump behind the first.
-            if len(met) > 1 and not abs(test.of(event.seen)) < max(_ZERO * test.of(point.seen), _SQUARE):
+            least = 0.0 if is_between_events(test) else _SQUARE
+            if len(met) > 1 and not abs(test.of(event.seen)) < max(_ZERO * test.of(point.seen), least):
                 raise BranchEnd(End.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .._hybrid.limits import CLOSE, IMPACT, RELEASE, STICK, TURN
+from .._hybrid.limits import CLOSE, RELEASE, STICK, TURN
 from .._machine.state import CLOSED, STICKING
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle
@@ -27,17 +27,6 @@ def with_event(
         flights[flight + 1] -= since
     kinds, stops = np.insert(sequence.kind, flight, kind), np.insert(sequence.stop, flight, stop)
     return Sequence(kinds, stops, mode), place._replace(flights=flights)
-
-
-def with_touches(
-    sequence: Sequence, place: ExtendedCycle, touches: dict[int, tuple[int, float]]
-) -> tuple[Sequence, ExtendedCycle, list[int]]:
-    """Insert an impact of zero speed at each of some stops, given the flights and times; also return the numbers of these."""
-    numbers: list[int] = []
-    for stop, (flight, time) in sorted(touches.items(), key=lambda one: one[1])[::-1]:
-        sequence, place = with_event(sequence, place, IMPACT, stop, flight, time)
-        numbers = [flight, *(k + 1 for k in numbers)]
-    return sequence, place, numbers
 
 
 def with_contact(

@@ -6,7 +6,14 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .._orbits.sequence import NOTHING, Sequence
-from .behind_event import apart, corrected_on_sequence, is_joined, oriented, step_off, vanishing_with
+from .behind_event import (
+    corrected_on_sequence,
+    is_joined,
+    oriented,
+    step_off,
+    vanishing_with,
+    with_earlier_impacts,
+)
 from .kernels import (
     KernelCall,
     LocatedState,
@@ -36,11 +43,10 @@ from .sequence_edits import (
     with_events,
     with_order_exchanged,
     with_stick,
-    with_touches,
     without_event,
     without_stick,
 )
-from .switching_changes import by_switching
+from .switching_changes import by_switching, events_behind_touches
 from .test_functions import TestFunction
 
 # Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
@@ -80,8 +86,7 @@ def _with_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelR
     """Continue behind a vanishing gap with an impact there, and at every other stop that is touched."""
     stops = vanishing_with(event, test)
     if len(stops) > 1:
-        touches = {stop: event.seen.watched.touch_of(stop) for stop in stops}
-        new = yield from apart(event, *with_touches(event.sequence, event.place, touches), -1)
+        new = yield from with_earlier_impacts(event, *events_behind_touches(event, stops))
         if new is not None:
             return new
     stop = test.index

@@ -7,7 +7,14 @@ import numpy as np
 from .._hybrid.limits import IMPACT, OPEN, STICK, TURN
 from .._machine.state import AHEAD, BEHIND
 from .._orbits.sequence import SECOND, Sequence
-from .behind_event import apart, corrected_on_sequence, is_joined, oriented, step_off, vanishing_with
+from .behind_event import (
+    corrected_on_sequence,
+    is_joined,
+    oriented,
+    step_off,
+    vanishing_with,
+    with_earlier_impacts,
+)
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
 from .point import BranchEnd, BranchPoint, KernelRequests, corrected, is_followed
@@ -45,7 +52,18 @@ def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
 
 
 def _with_impacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
-    """Continue behind a touch of rigid stops; where friction turns the mass there, the impact does that instead."""
+    """Continue behind a touch of rigid stops."""
+    sequence, place, impacts = events_behind_touches(event, stops)
+    if len(stops) == 1:
+        return (yield from _with_other_reversal(event, sequence, place))
+    new = yield from with_earlier_impacts(event, sequence, place, impacts)
+    if new is None:
+        raise BranchEnd(Kind.GRAZING)
+    return new
+
+
+def events_behind_touches(event: BranchPoint, stops: list[int]) -> tuple[Sequence, ExtendedCycle, list[int]]:
+    """The events behind a touch of rigid stops, and the numbers of the new impacts; one replaces friction's turn there."""
     sequence, place, impacts = event.sequence, event.place, []
     for (flight, time), stop in sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]:
         turns = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - time) < _AT_ONCE)
@@ -56,12 +74,7 @@ def _with_impacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
             impact, impacts = flight, [k + 1 for k in impacts]
             sequence, place = with_event(sequence, place, IMPACT, stop, flight, time)
         impacts.append(impact)
-    if len(stops) == 1:
-        return (yield from _with_other_reversal(event, sequence, place))
-    new = yield from apart(event, sequence, place, impacts, -1)
-    if new is None:
-        raise BranchEnd(Kind.GRAZING)
-    return new
+    return sequence, place, impacts
 
 
 def _events_behind_lost_impacts(event: BranchPoint, lost: list[int]) -> tuple[Sequence, ExtendedCycle] | None:
