@@ -123,7 +123,17 @@ def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -
         change += {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}.get(at.kind, 1)
         found.append(at)
     is_whole = (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2 == 0
-    return sorted(found, key=lambda at: at.arc), bool(is_whole)
+    return sorted(found, key=lambda at: at.arc), bool(is_whole) and not _is_hidden(point, found)
+
+
+def _is_hidden(point: BranchPoint, found: list[BranchPoint]) -> bool:
+    """True if a bifurcation lies between a point and the end of a doubled branch: behind it the step has its mirror image."""
+    end = next((at for at in found if at.kind == Kind.HALF_PERIOD), None)
+    if end is None:
+        return False
+    kinds = {Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER} - {at.kind for at in found}
+    tests = [test for test in TESTS_OF_NEIGHBOURS if test.kind in kinds]
+    return any(is_crossed(test.of(point.seen), test.of(end.seen)) for test in tests)
 
 
 def _passes_infinity(before: complex, after: complex) -> bool:

@@ -31,7 +31,9 @@ _CROSSED, _NEAR = 1e-9, 1e-2
 # `_LIKELY`: largest distance from -1 of a multiplier of the cycle of half the period.
 # `_LOCATED`: largest distance of the two halves.
 # `_FARTHER`: distance of the end itself beyond that, relative to the distance of the two halves.
+# `_SAME`: relative difference of the parameters of a fold and of the end that is rounding, for halves within `_APART`.
 _LIKELY, _LOCATED, _FARTHER = 0.1, 1e-6, 100.0
+_SAME, _APART = 1e-9, 1e-2
 
 
 def crossing(
@@ -95,7 +97,7 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
         return None
     located: LocatedState = yield location_on(sequence, place, half)
     away = np.abs(located.z - place.z).max()
-    if not away < CLOSE:
+    if not away < _APART:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
@@ -105,7 +107,10 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     distance, within = away, _LOCATED
     if found.is_found:
         distance, within = trimmed(found.place, num).distance(guess), _LOCATED + _FARTHER * away
-    if not found.is_likely or distance > within:
+    # The fold is level: rounding moves it along the branch, but not its parameter.
+    is_same = bool(found.is_found) and abs(found.place.p - place.p) < _SAME * abs(place.p)
+    is_end = is_same if away > CLOSE else distance < within
+    if not (found.is_likely and is_end):
         return None
     if not found.is_found:
         raise BranchEnd(End.NOT_CONVERGED)
