@@ -54,9 +54,8 @@ def with_earlier_impacts(
     The tangent at the event does not tell in which proportion they do.
     """
     is_impact = np.isin(np.arange(len(place.flights)), impacts).astype(float)
-    weights = ExtendedCycle(
-        0 * place.z, np.cumsum(is_impact[::-1])[::-1], 0 * place.p
-    )  # the sum of their times
+    sum_of_times = np.cumsum(is_impact[::-1])[::-1]
+    weights = ExtendedCycle(0 * place.z, sum_of_times, 0 * place.p)
     for earlier in _EARLIER:
         guess = place._replace(flights=place.flights - earlier * np.diff(is_impact, prepend=0.0))
         seen = yield from corrected(sequence, guess, weights, guess.along(weights))
