@@ -323,6 +323,24 @@ def test_a_branch_passes_a_contact_that_opens_by_its_force_instead_of_its_depth(
 
 
 @pytest.mark.slow
+def test_a_contact_force_that_touches_zero_is_seen_beside_a_lower_minimum_elsewhere():
+    """A random machine: the force of a closed contact vanishes for a moment, and falls to 0.01 in another contact."""
+    load = vx.Harmonic([0.437485], 0.804, [1.87788], mean=[0.309008])
+    stops = [
+        vx.CompliantStop(0, 0.0644735, "upper", 23.6443, 0.06437),
+        vx.CompliantStop(0, -0.15631, "lower", 74.2764),
+    ]
+    system = vx.ImpactSystem([0.805346], [[0.00320378]], [[0.423864]], load, stops)
+    sol = vx.simulate(system, 0.0, 2000 * load.period, throw=False, max_events=8)
+    orbit = vx.periodic_orbit(system, sol.x1, sol.v1, num_periods=2)
+    branch = vx.continuation(orbit, PATH, (0.8, 0.806), progress=False)
+    assert branch.ends == ("bounds", "bounds")
+    kinds = [point.kind for point in branch.bifurcations]
+    assert kinds == ["pd", "force_zero", "gr", "fold", "force_zero", "gr"]
+    assert all_are_followed(branch)
+
+
+@pytest.mark.slow
 def test_a_branch_goes_on_behind_the_first_touch_of_a_preloaded_stop():
     """As at a rigid stop, it turns back there: the motion with the new contact has the frequencies of that without."""
 

@@ -21,10 +21,11 @@ from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effecti
 from .._trajectory.batched import row_of_lane
 from .minima import dip
 
-# `_DENSITY`: samples per radian of the fastest part of the motion.
+# `_DENSITY`: samples per radian of the fastest part of the motion. `_DENSER`: the same where readings have a derivative less:
+# of several minima that is refined which is lowest between samples.
 # `_MOST`: largest number of samples on a flight.
 # `_STEPS`: Newton steps from a sampled minimum to the minimum.
-_DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
+_DENSITY, _DENSER, _MOST, _STEPS = 0.7, 1.4, 10_000, 6
 # `_OF_GAP`, `_OF_FORCE`: number of time derivatives of gaps and of contact forces in a reading, the value included; of
 # machines with friction or compliant contacts as many of all guards as of forces.
 _OF_GAP, _OF_FORCE = 4, 3
@@ -134,7 +135,7 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
         whole=whole,
         passed=jnp.where((last < 0) | problem.is_autonomous, count, 0),
         last=last,
-        density=machine.rate * machine.period * _DENSITY,
+        density=machine.rate * machine.period * (_DENSER if sequence.is_switching else _DENSITY),
         phase=problem.phase,
         is_plastic=machine.contacts.is_plastic,
     )
