@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import jax
 import numpy as np
 import pytest
 
@@ -13,12 +14,13 @@ LOCATED = 1e-10
 SYMMETRIC = 1e-7
 
 
-def between_stops(frequency: float, *, friction: tuple[vx.Friction, ...] = ()) -> vx.ImpactSystem:
+def between_stops(
+    frequency: float, amplitude: float | jax.Array = 1.0, *, friction: tuple[vx.Friction, ...] = ()
+) -> vx.ImpactSystem:
     """A mass between two rigid stops."""
     stops = [vx.Stop(0, -2.5, "lower", 0.6), vx.Stop(0, 2.5, "upper", 0.6)]
-    return vx.ImpactSystem(
-        [1.0], [[0.2]], [[1.0]], vx.Harmonic([1.0], frequency), stops, friction=list(friction)
-    )
+    load = vx.Harmonic([amplitude], frequency)
+    return vx.ImpactSystem([1.0], [[0.2]], [[1.0]], load, stops, friction=list(friction))
 
 
 def between_cushions(frequency: float) -> vx.ImpactSystem:
@@ -75,6 +77,17 @@ def test_a_symmetric_motion_gains_both_contacts_at_once_and_loses_both(make):
     if make is not rubbing_between_stops:
         grazings = [value for kind, value in first if kind == "gr"]
         np.testing.assert_allclose(sorted(grazings), touches(0.2), rtol=1e-14)
+
+
+@pytest.mark.slow
+def test_the_grazing_of_both_stops_is_a_differentiable_function_of_the_machine():
+    """At the point of a branch that comes with both impacts, whose speeds vanish at once."""
+    branch = branch_through(between_stops, 1.0, (1.0, 1.8))
+    (point,) = (point for point in branch.bifurcations if point.kind == "gr")
+    value = lambda amplitude: vx.bifurcation_value(point, between_stops(1.0, amplitude))  # noqa: E731
+    w, square = point.value, 2.5**-2
+    by_amplitude = 2 * square / (-4 * w * (1 - w**2) + 2 * 0.2**2 * w)
+    assert float(jax.grad(value)(1.0)) == pytest.approx(by_amplitude, rel=1e-13)
 
 
 @pytest.mark.slow
