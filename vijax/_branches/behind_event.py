@@ -58,14 +58,23 @@ def with_earlier_impacts(
     weights = ExtendedCycle(0 * place.z, sum_of_times, 0 * place.p)
     for earlier in _EARLIER:
         guess = place._replace(flights=place.flights - earlier * np.diff(is_impact, prepend=0.0))
-        seen = yield from corrected(sequence, guess, weights, guess.along(weights))
-        if not seen.found.is_converged:
-            continue
-        new = BranchPoint.of(sequence, seen, event.arc)
-        if (yield from is_followed(new)) and (yield from is_joined(event, new)):
-            new = new if new.tangent.along(weights) < 0 else new.turned()
-            return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
+        new = yield from followed_beside(event, sequence, guess, weights)
+        if new is not None:
+            return new if new.tangent.along(weights) < 0 else new.turned()
     return None
+
+
+def followed_beside(
+    event: BranchPoint, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle
+) -> KernelRequests:
+    """The point behind an event in the plane of a guess; None unless the machine follows it and it is joined to the event."""
+    seen = yield from corrected(sequence, guess, weights, guess.along(weights))
+    if not seen.found.is_converged:
+        return None
+    new = BranchPoint.of(sequence, seen, event.arc)
+    if not ((yield from is_followed(new)) and (yield from is_joined(event, new))):
+        return None
+    return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
 
 
 def corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> KernelRequests:

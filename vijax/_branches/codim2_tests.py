@@ -132,7 +132,7 @@ def _is_own(kind: str, condition: AbstractCondition, sequence: Sequence, test: T
     of_guards = np.isin(sequence.kind % SECOND, (CLOSE, SLIP, RELEASE))
     inserted = of_guards & (sequence.mode[:-1] == sequence.mode[1:]).all(axis=1)
     guards = sequence.stop + sequence.mode.shape[1] * (sequence.kind >= SECOND)
-    return test.index in guards[max(k - 1, 0) : k + 1][inserted[max(k - 1, 0) : k + 1]]
+    return any(inserted[i] and guards[i] == test.index for i in {max(k - 1, 0), k})
 
 
 def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:

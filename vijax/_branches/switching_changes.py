@@ -9,7 +9,7 @@ from .._machine.state import AHEAD, BEHIND
 from .._orbits.sequence import SECOND, Sequence
 from .behind_event import (
     corrected_on_sequence,
-    is_joined,
+    followed_beside,
     oriented,
     step_off,
     vanishing_with,
@@ -17,7 +17,7 @@ from .behind_event import (
 )
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchEnd, BranchPoint, KernelRequests, corrected, is_followed
+from .point import BranchEnd, BranchPoint, KernelRequests, is_followed
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
 
@@ -115,12 +115,9 @@ def _with_contacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
                 sequence, place = with_contact(sequence, place, stop, opening, flight, (time, duration))
                 lasts = np.insert(lasts, flight, [0.0, 1.0])
             weights = ExtendedCycle(0 * place.z, lasts, 0 * place.p)
-            seen = yield from corrected(sequence, place, weights, duration * len(stops))
-            if not seen.found.is_converged:
-                continue
-            new = BranchPoint.of(sequence, seen, event.arc)
-            if (yield from is_followed(new)) and (yield from is_joined(event, new)):
-                return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
+            new = yield from followed_beside(event, sequence, place, weights)
+            if new is not None:
+                return new
     raise BranchEnd(Kind.GRAZING)
 
 
