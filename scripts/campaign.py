@@ -4,7 +4,8 @@
 
 Rounds are numbered; each draws a shape of machine and the numbers of many machines of it, see `random_machines/`. A round
 that is done is a line of `tally.jsonl` in the folder: the same command goes on where it was stopped or killed, and
-several at once, with other `--first` and `--stride`, share the work. A failure is repeated by `--round K`.
+several at once, with other `--first` and `--stride`, share the work. A failure is repeated by
+`--round K`. With `--symmetric` the machines of a round are made symmetric.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from pathlib import Path
 import jax
 import numpy as np
 from random_machines.families import check_family, check_sweep
-from random_machines.machines import draw_numbers, draw_shape, own_numbers
+from random_machines.machines import draw_numbers, draw_shape, own_numbers, symmetric
 from random_machines.motions import Failure, check_alone, check_motions
 from random_machines.orbits import check_orbits, settled_orbits
 
@@ -32,11 +33,21 @@ ORBITS = 64
 FAMILIES = 4
 
 
-def play(number: int, machines: int, most_masses: int, families: int = FAMILIES, sweeps: int = 0) -> dict:
+def play(
+    number: int,
+    machines: int,
+    most_masses: int,
+    families: int = FAMILIES,
+    sweeps: int = 0,
+    *,
+    is_symmetric: bool = False,
+) -> dict:
     """One round: what it is, and what failed."""
     rng = np.random.default_rng([SEED, number])
     shape = draw_shape(rng, most_masses)
     numbers = draw_numbers(rng, shape, machines)
+    if is_symmetric:
+        shape, numbers = symmetric(shape, numbers)
     start = time.process_time()
     failures, compared = check_motions(shape, numbers, rng)
     if number % 4 == 0:
@@ -53,6 +64,7 @@ def play(number: int, machines: int, most_masses: int, families: int = FAMILIES,
         counts += own
     return {
         "round": number,
+        "symmetric": is_symmetric,
         "shape": shape._asdict(),
         "machines": machines,
         "runs": RUNS * machines,
@@ -90,6 +102,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--sweeps", type=int, default=0, help="machines of every fourth round that are swept, if more"
     )
+    parser.add_argument("--symmetric", action="store_true", help="make the machines symmetric")
     parser.add_argument("--first", type=int, default=0, help="number of the first round")
     parser.add_argument("--stride", type=int, default=1, help="step between the rounds of this process")
     parser.add_argument("--round", type=int, help="play this round alone, and print it")
@@ -107,6 +120,7 @@ def main() -> None:
         most_masses=options.masses,
         families=options.families,
         sweeps=options.sweeps,
+        is_symmetric=options.symmetric,
     )
     if options.round is not None:
         print(json.dumps(play_round(options.round), indent=1))
@@ -114,7 +128,8 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     tally = options.out / "tally.jsonl"
     lines = [json.loads(line) for line in tally.read_text().splitlines()] if tally.exists() else []
-    done, number, until = {line["round"] for line in lines}, options.first, time.time() + 3600 * options.hours
+    done = {line["round"] for line in lines if line.get("symmetric", False) == options.symmetric}
+    number, until = options.first, time.time() + 3600 * options.hours
     while time.time() < until:
         if number not in done:
             lines.append(play_round(number))

@@ -226,6 +226,39 @@ def mirrored(shape: Shape, a: dict) -> tuple[Shape, dict]:
     return shape._replace(stops=stops, cushions=cushions, contacts=contacts), {**a, **signs}
 
 
+def symmetric(shape: Shape, a: dict) -> tuple[Shape, dict]:
+    """The machine made symmetric: with the mirror images of its stops, contacts and cushions, no means, belts, moving stops.
+
+    The mirror image of a motion, half a forcing period later, is then a motion as well: of the harmonics only odd ones act.
+    """
+    one_side = _first_of_each([i for i, _ in shape.stops])
+    one_way = _first_of_each([frozenset(row) for row in shape.contacts])
+    one_cushion = _first_of_each([i for i, _ in shape.cushions])
+    pairs: tuple[tuple[list[int], tuple[str, ...]], ...] = (
+        (one_side, ("position", "restitution")),
+        (one_way, ("distance", "contact_restitution")),
+        (one_cushion, ("cushion", "cushion_stiffness", "cushion_damping", "preload")),
+    )
+    numbers = {name: np.repeat(a[name][:, own], 2, axis=1) for own, names in pairs for name in names}
+    for name in ("position", "distance"):  # both sides cannot be at 0
+        numbers[name] = np.where(numbers[name] == 0, 0.1, numbers[name])
+    is_even = np.arange(shape.harmonics) % 2 == 1
+    numbers["amplitude"] = np.where(is_even[:, None], 0.0, a["amplitude"])
+    numbers |= {name: np.zeros_like(a[name]) for name in ("mean", "belt", "travel")}
+    sides: tuple[Side, Side] = "lower", "upper"
+    other = shape._replace(
+        stops=tuple((shape.stops[j][0], side) for j in one_side for side in sides),
+        contacts=tuple(row for j in one_way for row in (shape.contacts[j], shape.contacts[j][::-1])),
+        cushions=tuple((shape.cushions[j][0], side) for j in one_cushion for side in sides),
+        is_moving=False,
+    )
+    return other, {**a, **numbers}
+
+
+def _first_of_each(keys: list) -> list[int]:
+    return [j for j, key in enumerate(keys) if key not in keys[:j]]
+
+
 def in_other_units(a: dict, mass: np.ndarray, length: np.ndarray, time: np.ndarray) -> dict:
     """The same machines in other units, (lanes,) each."""
     force = mass * length / time**2

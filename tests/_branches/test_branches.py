@@ -121,9 +121,11 @@ def test_families_of_several_periods_leave_a_grazing(doubled):
         assert abs(float(orbit.system.forcing.amplitude[0]) - grazing.value) < 1e-3
     (doubling,) = points_of(follow(families[0], AMPLITUDE, 0.29, 0.33), "pd")
     assert doubling.value == pytest.approx(0.32561956758361, abs=1e-11)
-    # The branch of three periods returns to itself, a period later: each of its points is listed once.
-    of_three = follow(families[1], AMPLITUDE, 0.1, 0.5)
-    assert "closed" in of_three.ends
+    # The branch of three periods begins and ends there. On one side it goes on without impacts, on the other nothing does.
+    of_three, same = (follow(orbit, AMPLITUDE, 0.1, 0.5) for orbit in families[1:])
+    assert sorted(of_three.ends) == sorted(same.ends) == ["bounds", "gr"]
+    assert kinds_and_values(of_three) == kinds_and_values(same)
+    assert len(points_of(of_three, "gr")) == 3
     changes = [(point.kind, round(point.value, 6)) for point in of_three.bifurcations if point.kind != "gr"]
     assert len(set(changes)) == len(changes) == 4
     # The same families leave the grazing of the branch of two periods, except that family itself.

@@ -12,9 +12,9 @@ import campaign
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("number", [3])
-def test_a_few_random_machines_obey_all_checks(number):
-    line = campaign.play(number, machines=4, most_masses=2, families=1)
+@pytest.mark.parametrize("is_symmetric", [False, True])
+def test_a_few_random_machines_obey_all_checks(is_symmetric):
+    line = campaign.play(3, machines=4, most_masses=2, families=1, is_symmetric=is_symmetric)
     assert line["compared"] > 0
     assert line["failures"] == []
 
@@ -22,7 +22,7 @@ def test_a_few_random_machines_obey_all_checks(number):
 def test_what_is_done_is_not_played_again(tmp_path, monkeypatch, capsys):
     played = []
 
-    def play(number, machines, most_masses, families, sweeps):
+    def play(number, machines, most_masses, families, sweeps, is_symmetric):
         played.append(number)
         sums = {"machines": machines, "runs": 7, "compared": 1, "cpu_seconds": 0.0}
         if len(played) == 3:

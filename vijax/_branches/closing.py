@@ -19,13 +19,30 @@ def repetitions_of(
 ) -> KernelRequests:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one, within a distance."""
     num_periods = _finite(num_periods)
-    for n in (n for n in range(1, num_periods) if num_periods % n == 0):
-        if len(sequence.kind) % (num_periods // n):
-            continue
-        located: LocatedState = yield location_on(sequence, place, float(n))
-        if np.abs(located.z - place.z).max() < within:
+    for n in _periods_of_shorter(num_periods):
+        is_whole = len(sequence.kind) % (num_periods // n) == 0
+        if is_whole and (yield from _has_returned(sequence, place, n, within)):
             return num_periods // n
     return 1
+
+
+def is_shorter_at(event: BranchPoint, num_periods: int | float, rounds: int, within: float) -> KernelRequests:
+    """Test whether a cycle is a shorter one at an event: its impacts of zero speed there leave the motion as it is."""
+    num_periods = _finite(num_periods)
+    for n in _periods_of_shorter(num_periods):
+        if n * rounds < num_periods and (yield from _has_returned(event.sequence, event.place, n, within)):
+            return True
+    return False
+
+
+def _periods_of_shorter(num_periods: int) -> list[int]:
+    return [n for n in range(1, num_periods) if num_periods % n == 0]
+
+
+def _has_returned(sequence: Sequence, place: ExtendedCycle, n: int, within: float) -> KernelRequests:
+    """Test whether a cycle is back at its start after n forcing periods."""
+    located: LocatedState = yield location_on(sequence, place, float(n))
+    return bool(np.abs(located.z - place.z).max() < within)
 
 
 def _finite(num_periods: int | float) -> int:

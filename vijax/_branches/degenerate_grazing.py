@@ -1,12 +1,16 @@
 """Degenerate grazing: several impacts of a cycle vanish at once, where it repeats a shorter cycle that grazes.
 
-Branches of cycles of several periods end at the grazing of a cycle of fewer. No step leads there, for with m impacts of
-speed v the multipliers grow like v^-m; but the cycle without these impacts is as well-conditioned there as anywhere.
+Branches of cycles of several periods end at the grazing of a cycle of fewer: its impacts may appear in any of its rounds, so
+that several branches meet there, and none of them continues another. Only the motion without any impact continues them.
+
+If several impacts vanish no step leads there, for with m of them of speed v the multipliers grow like v^-m; but the cycle
+without these impacts is as well-conditioned there as anywhere.
 """
 
 import numpy as np
 
 from .._hybrid.limits import IMPACT
+from .behind_event import corrected_on_sequence
 from .kinds import Kind
 from .locate import locate
 from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, predicted_point
@@ -15,6 +19,10 @@ from .test_functions import tests_of
 
 # Largest speed of impacts that may vanish, relative to the fastest impact.
 _LIGHT = 1e-2
+# The same for impacts that vanish at the located grazing.
+_GONE = 1e-6
+# Change of the parameter along a tangent below which it is a resonance.
+_RESONANT = 1e-6
 # `_STEP`: length of the step that estimates the slope of a gap.
 # `_REACH`: largest distance to its zero.
 _STEP, _REACH = 1e-6, 1e-2
@@ -41,6 +49,28 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> KernelRequests:
         if found is not None and _is_near(point, found, speeds[light].max()):
             return found._replace(arc=point.arc)
     return None
+
+
+def without_impacts(event: BranchPoint) -> KernelRequests:
+    """The point of an event on the motion without impacts; None if other events remain.
+
+    Raises:
+        BranchEnd: at a resonance without losses, where all free vibrations repeat and no orbit is isolated.
+    """
+    sequence, place, found = event.sequence, event.place, event.seen.found
+    _, velocities = np.split(np.abs(event.seen.start), 2)
+    speeds = np.abs(found.speeds[: len(sequence.kind)])
+    if np.any(sequence.kind != IMPACT) or np.any(speeds > _GONE * velocities.max()):
+        return None
+    for k in range(len(sequence.kind))[::-1]:
+        sequence, place = without_event(sequence, place, k)
+    try:
+        free = yield from corrected_on_sequence(sequence, place, event)
+    except BranchEnd as why:
+        raise BranchEnd(Kind.GRAZING) from why
+    if abs(free.tangent.p) < _RESONANT:
+        raise BranchEnd(Kind.GRAZING)
+    return free
 
 
 def vanishing(start: BranchPoint, kind: str, stop: int) -> KernelRequests:

@@ -11,8 +11,8 @@ import numpy as np
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
 from .behind_event import step_off
-from .closing import first_repeated, is_at_start, repetitions_of
-from .degenerate_grazing import grazing_of_shorter_cycle
+from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
+from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import SimulatedMotion, simulation_from, simulation_of, trimmed
 from .kinds import End, Kind, public_kind
@@ -52,8 +52,9 @@ _NEAR, _AT = 1e-3, 1e-9
 # _ROUNDED: size of a test function below which a given orbit lies on the event.
 # _FALLING: its least rate along the branch there; it does not only touch zero.
 _ROUNDED, _FALLING = 1e-12, 1e-6
-# Distance below which a cycle behind an event repeats a shorter one: close to the event others nearly do.
-_EXACT = 1e-11
+# `_SHORTER`: distance below which a cycle repeats a shorter one at an event, as exactly as events are located.
+# `_EXACT`: the same behind the event, where others nearly do.
+_SHORTER, _EXACT = 1e-8, 1e-11
 # Most points of a walk back to where a stick vanishes.
 _MOST_BACK = 100
 
@@ -273,6 +274,11 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
     if hop is not None:
         return (yield from _add_and_release_hold(walk, event, hop))
     yield from _end_if_repeated(walk, (yield from _add(walk, event)))
+    if test.kind in (Kind.TOUCH, Kind.GRAZING):
+        free = yield from without_impacts(event)
+        is_shorter = yield from is_shorter_at(event, walk.num_periods, walk.rounds, _SHORTER)
+        if is_shorter:
+            return (yield from _beyond(event, free))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     is_touch = test.kind == Kind.TOUCH and not event.sequence.is_switching
     walk.cascade = [*same, (test.index, event)] if is_touch else []
@@ -286,6 +292,20 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
     if rounds > walk.rounds and len(new.sequence.kind):
         raise BranchEnd(public_kind(event.kind))
     return new
+
+
+def _beyond(event: BranchPoint, free: BranchPoint | None) -> KernelRequests:
+    """The point behind a grazing on the motion without impacts, at parameters where the branch before was not.
+
+    Raises:
+        BranchEnd: if there is none. Several branches meet where a shorter cycle grazes, and none continues another.
+    """
+    if free is None:
+        raise BranchEnd(Kind.GRAZING)
+    try:
+        return (yield from step_off(free, bool(free.tangent.p * event.tangent.p > 0)))
+    except BranchEnd as why:
+        raise BranchEnd(Kind.GRAZING) from why
 
 
 def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
