@@ -74,7 +74,10 @@ def without_impacts(event: BranchPoint) -> KernelRequests:
 
 
 def vanishing(start: BranchPoint, kind: str, stop: int) -> KernelRequests:
-    """Point near a start at which the least gap or force of a stop vanishes; None if there is none."""
+    """Point near a start at which the least gap or force of a stop vanishes; None if there is none.
+
+    It is positive where the tangent points: the start may lie beyond by rounding.
+    """
     test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
     beside = yield from predicted_point(start, _STEP)
     gap = test.of(start.seen)
@@ -87,9 +90,10 @@ def vanishing(start: BranchPoint, kind: str, stop: int) -> KernelRequests:
     if not gap * test.of(beyond.seen) < 0:
         return None
     try:
-        return (yield from locate(start, beyond, test))
+        found = yield from locate(start, beyond, test)
     except BranchEnd:
         return None
+    return found if gap < 0 else found.turned()
 
 
 def _is_near(point: BranchPoint, found: BranchPoint, speed: float) -> bool:

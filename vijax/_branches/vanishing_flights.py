@@ -20,6 +20,9 @@ from .test_functions import TestFunction
 # _SHORT: duration of a hop, in forcing periods, below which it may vanish close by.
 # _NEAR: largest distance of the cycle without the hop.
 _SHORT, _NEAR = 5e-2, 1e-2
+# _TINY: duration of a hop at which it is a double root, and the force behind it, that the branch is moved by rounding.
+# _MOVED: largest change of the scaled parameter by that.
+_TINY, _MOVED = 1e-4, 1e-6
 
 
 def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> KernelRequests:
@@ -46,6 +49,12 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> KernelRequests:
     if test.kind in (Kind.ONSET, Kind.TOUCH):
         flights = watched.rise_flight if test.kind == Kind.ONSET else watched.gap_flight
         return (yield from end_of_vanishing_flight(event, int(flights[k])))
+    if test.kind == Kind.FORCE_ZERO:
+        hops = np.where(event.sequence.stop == k, _durations(event), np.inf)
+        if np.min(hops, initial=np.inf) < _TINY:
+            found = yield from end_of_vanishing_flight(event, int(np.argmin(hops)))
+            if found is not None and abs(found.place.p - event.place.p) < _MOVED:
+                return found
     return None
 
 
