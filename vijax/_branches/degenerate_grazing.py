@@ -15,7 +15,7 @@ from .kinds import Kind
 from .locate import locate
 from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, predicted_point
 from .sequence_edits import without_event
-from .test_functions import tests_of
+from .test_functions import kind_at, tests_of
 
 # Largest speed of impacts that may vanish, relative to the fastest impact.
 _LIGHT = 1e-2
@@ -85,6 +85,9 @@ def vanishing(start: BranchPoint, kind: str, stop: int) -> KernelRequests:
     way = -gap / slope if slope else np.inf
     if not abs(way) < _REACH:
         return None
+    if gap == 0:
+        found = start._replace(kind=kind_at(test, start.sequence, start.seen))
+        return found if slope > 0 else found.turned()
     start = start if way > 0 else start.turned()
     beyond = yield from predicted_point(start, 2 * abs(way) + _STEP)
     if not gap * test.of(beyond.seen) < 0:

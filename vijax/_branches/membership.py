@@ -17,7 +17,8 @@ from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, families_of, value_of
 
-# _NEAR: largest distance from an orbit to a point, in chords to its neighbour, at which the branch is corrected there.
+# _NEAR: largest distance from an orbit to a point, in chords to its neighbour or beside, at which the branch is corrected
+# there: where both states of a mass turn back, a chord is short.
 # (Rejected: to accept an orbit near a chord. Where an impact passes the start of the cycle the chord leads nowhere, and
 # between two branches it leads to both.)
 # _SAME: relative distance below which two states are equal.
@@ -88,10 +89,10 @@ class KnownOrbits:
             between = np.flatnonzero(before[:-1] * before[1:] <= 0)
             states = self._states(orbit) if between.size else np.zeros(0)
             size = np.abs(states).max(initial=0)
+            chords = np.abs(np.diff(z, axis=0)).max(axis=1)
             for k in between:
-                chord = np.abs(z[k + 1] - z[k]).max()
                 away = min(np.abs(states - z[end]).max(axis=1).min() for end in (k, k + 1))
-                if away <= _NEAR * chord + _SAME * size:
+                if away <= _NEAR * chords[max(k - 1, 0) : k + 2].max() + _SAME * size:
                     yield _Chance(orbit, p, states, branch, number, int(k))
 
     def _states(self, orbit: int) -> np.ndarray:
