@@ -26,3 +26,15 @@ def test_all_events_of_the_orbits_of_a_branch_are_exact():
             continue
         np.testing.assert_allclose(sol.events.t[:count], own.events.t[:count], rtol=0, atol=1e-12)
         np.testing.assert_allclose(sol.v1, own.v0, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_an_orbit_of_a_sweep_may_have_a_hundred_contacts():
+    """A dataset tells how many impacts an orbit has, but not how often its compliant stops close and open."""
+    stop = vx.CompliantStop(0, 0.3, "upper", 20.0, preload=2.0)
+    system = vx.ImpactSystem([1.0], [[0.8]], [[1.0]], vx.Harmonic([1.0], 0.2), [stop])
+    ds = vx.sweep(system, {"forcing.frequency": [0.2]}, transient=60, progress=False)
+    (branch,) = vx.branches(
+        vx.periodic_orbits(ds, progress=False), (0.1999, 0.2001), max_points=8, progress=False
+    )
+    assert np.count_nonzero(branch.points["event_kind"].values[len(branch) // 2] >= 0) > 100

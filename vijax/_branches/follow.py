@@ -14,7 +14,7 @@ from .behind_event import step_off
 from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
-from .kernels import SimulatedMotion, simulation_from, simulation_of, trimmed
+from .kernels import MOST_EVENTS, SimulatedMotion, padded, simulation_from, simulation_of, trimmed
 from .kinds import End, Kind, public_kind
 from .locate import first_event, is_passed, special_points
 from .parameter_family import ExtendedCycle
@@ -55,6 +55,8 @@ _ROUNDED, _FALLING = 1e-12, 1e-6
 # `_SHORTER`: distance below which a cycle repeats a shorter one at an event, as exactly as events are located.
 # `_EXACT`: the same behind the event, where others nearly do.
 _SHORTER, _EXACT = 1e-8, 1e-11
+# Factor of the room for events of an orbit where it was too little.
+_MORE = 2
 # Most points of a walk back to where a stick vanishes.
 _MOST_BACK = 100
 
@@ -62,9 +64,12 @@ _MOST_BACK = 100
 def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> KernelRequests:
     """The branch point at an orbit with a start in space, (2 n,), and a scaled parameter; None if there is none.
 
-    `sequence` is padding with room for the events of the orbit.
+    `sequence` is padding with room for the events of the orbit, as far as they are known.
     """
     followed: SimulatedMotion = yield simulation_from(sequence, start, p)
+    while np.all(followed.sequence.kind >= 0) and len(followed.sequence.kind) < MOST_EVENTS:
+        (sequence,) = padded(sequence, (), min(_MORE * len(followed.sequence.kind), MOST_EVENTS))
+        followed = yield simulation_from(sequence, start, p)
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence = trimmed(followed.sequence, num_events)
     place = trimmed(ExtendedCycle(followed.z, followed.flights, np.asarray(p)), num_events)
