@@ -104,3 +104,23 @@ def test_two_sticks_of_a_symmetric_motion_vanish_at_once():
         assert set(sticks[branch.values < at - 1e-9]) == {4}
         assert set(sticks[branch.values > at + 1e-9]) == {6}
     assert one.bifurcations[0].value == pytest.approx(other.bifurcations[0].value, rel=LOCATED)
+
+
+@pytest.mark.slow
+def test_a_symmetric_grazing_is_passed_wherever_the_cycle_begins():
+    """At some phases an impact passes the start of the cycle right there. A random machine, made symmetric."""
+
+    def orbit_at(phase):
+        stops = [vx.Stop(0, sign * 0.0723837, side, 0.690614) for sign, side in ((-1, "lower"), (1, "upper"))]
+        load = vx.Harmonic([0.587407], 1.79, [phase])
+        system = vx.ImpactSystem([0.335392], [[0.976174]], [[3.1508]], load, stops)
+        sol = vx.simulate(system, 0.0, 200 * system.forcing.period, [0.0], [0.1], throw=False, max_events=8)
+        return vx.periodic_orbit(system, sol.x1, sol.v1)
+
+    starts = [orbit_at(phase) for phase in np.linspace(0, np.pi, 41)[:-1]]
+    found = vx.continuation(starts, "forcing.frequency", (1.7, 1.8), progress=False)
+    assert {branch.ends for branch in found} == {("bounds", "bounds")}
+    points = [[(point.kind, point.value) for point in branch.bifurcations] for branch in found]
+    assert {tuple(kind for kind, _ in own) for own in points} == {("fold", "gr", "fold", "gr")}
+    values = np.array([[value for _, value in own] for own in points])
+    np.testing.assert_allclose(values, values[:1].repeat(len(values), axis=0), rtol=1e-10)

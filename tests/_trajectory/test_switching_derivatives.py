@@ -95,3 +95,20 @@ def difference(run, here, way, step: float):
 
 def moved(step: float, here, way):
     return here + step * way
+
+
+@pytest.mark.thorough
+def test_derivatives_of_many_runs_by_many_numbers_compile_under_jit():
+    """XLA refuses kernels with large sums, as products of matrices of contacts become under many tangents."""
+    stops, pads = [vx.CompliantStop(0, 0.3, "upper", 20.0, 0.2)], [vx.Friction(1, 0.1)]
+    damping, stiffness = [[0.2, -0.1], [-0.1, 0.1]], [[2.0, -1.0], [-1.0, 1.0]]
+    system = vx.ImpactSystem(
+        [1.0, 0.7], damping, stiffness, vx.Harmonic([1.0, 0.2], 0.9), stops, friction=pads
+    )
+    moving, still = eqx.partition(jax.tree.map(as_real, system), eqx.is_inexact_array)
+    end = lambda moving, x0: vx.simulate(eqx.combine(moving, still), 0.0, 20.0, x0, [0.1, 0.2]).x1  # noqa: E731
+    x0 = np.random.default_rng(0).normal(size=(256, 2)) * 0.05
+    many = jax.jit(jax.vmap(jax.jacfwd(end), (None, 0)))(moving, jnp.asarray(x0))
+    one = jax.jacfwd(end)(moving, jnp.asarray(x0[7]))
+    for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True):
+        np.testing.assert_allclose(a[7], b, rtol=1e-9, atol=1e-9 * float(jnp.abs(b).max()))

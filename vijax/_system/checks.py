@@ -170,7 +170,7 @@ def _against(one: dict[int, Reals], other: dict[int, Reals]) -> Reals | None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         share = -known[0][0] / known[0][1]
-    are_opposite = [np.isclose(a, -share * b, rtol=1e-12, atol=0) for a, b in known]
+        are_opposite = [np.isclose(a, -share * b, rtol=1e-12, atol=0) for a, b in known]
     return share if (share > 0).all() and np.all(are_opposite) else None
 
 
