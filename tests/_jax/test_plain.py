@@ -99,3 +99,15 @@ def test_point_by_point_a_sweep_is_the_same_but_where_motions_are_chaotic(tmp_pa
         assert (differs <= SETTLED + 100 * change)[both].all()
     # A chaotic transient may have ended on the coexisting periodic motion in only one of them.
     assert (repeats != repeats_as_well).mean() < 0.02
+
+
+@pytest.mark.thorough
+def test_derivatives_of_a_run_do_not_depend_on_our_primitives(monkeypatch):
+    def end(frequency):
+        system = vx.models.impact_oscillator(frequency, damping_ratio=0.1)
+        return vx.simulate(system, 0.0, 12.0, [-0.1], [0.2], max_events=256).x1[0]
+
+    own = jax.grad(end)(0.9)
+    monkeypatch.setattr(xla, "PLAIN", True)
+    assert float(jax.grad(end)(0.9)) == pytest.approx(float(own), rel=1e-10)
+    assert float(jax.jit(jax.jacfwd(end))(0.9)) == pytest.approx(float(own), rel=1e-10)

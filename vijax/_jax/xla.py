@@ -302,32 +302,37 @@ def jit_for_lanes(function: Callable, name: Any = None) -> Callable:
 def _plainly_differentiable(function: Callable, smooth: Callable | None, tree: Any) -> Any:
     """`differentiable` from public JAX alone: every derivative is a product with all derivatives, taken forwards."""
     moving, still = eqx.partition(tree, eqx.is_inexact_array)
+    arrays, others = eqx.partition(still, eqx.is_array)
     flat, rebuild = ravel_pytree(moving)
-    whole = lambda x: function(eqx.combine(rebuild(x), still))  # noqa: E731
-    found = eqx.filter_eval_shape(whole, flat)
+    tree_of = lambda x, arrays: eqx.combine(rebuild(x), arrays, others)  # noqa: E731
+    whole = lambda x, arrays: function(tree_of(x, arrays))  # noqa: E731
+    found = eqx.filter_eval_shape(whole, flat, arrays)
     y, rest = eqx.partition(found, lambda a: isinstance(a, jax.ShapeDtypeStruct))
     wanted = jax.tree.map(lambda a: jnp.issubdtype(a.dtype, jnp.inexact), y)
 
-    def values(x: Array) -> Any:
-        return eqx.filter(whole(x), eqx.is_array)
+    def values(x: Array, arrays: PyTree) -> Any:
+        return eqx.filter(whole(x, arrays), eqx.is_array)
 
-    def again(x: Array) -> Any:
-        tree = eqx.combine(rebuild(x), still)
+    def again(x: Array, arrays: PyTree) -> Any:
+        tree = tree_of(x, arrays)
         return eqx.filter(function(tree) if smooth is None else smooth(tree, wanted), eqx.is_array)
 
-    return eqx.combine(_by_jacobian(values, again)(flat), rest)
+    return eqx.combine(_by_jacobian(values, again)(flat, arrays), rest)
 
 
 def _by_jacobian(values: Callable, again: Callable) -> Callable:
-    """Function of a vector whose tangents are products with the derivatives of `again`, which are such a function too."""
+    """Function of a vector whose tangents are products with the derivatives of `again`, which are such a function too.
 
-    def jacobian(x: Array) -> Any:
-        inexact = lambda x: eqx.filter(again(x), eqx.is_inexact_array)  # noqa: E731
+    Both take other arrays besides: JAX may not find traced ones that a rule of derivatives closes over.
+    """
+
+    def jacobian(x: Array, arrays: PyTree) -> Any:
+        inexact = lambda x: eqx.filter(again(x, arrays), eqx.is_inexact_array)  # noqa: E731
         return jax.jacfwd(inexact)(x)
 
     @jax.custom_jvp
-    def found(x: Array) -> Any:
-        return values(x)
+    def found(x: Array, arrays: PyTree) -> Any:
+        return values(x, arrays)
 
     @found.defjvp
     def _(primals, tangents):
