@@ -65,9 +65,8 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
 
     On a cycle that traverses a shorter one several times, the change may happen in one round or in all rounds.
     """
-    if (
-        test.kind == Kind.TOUCH
-    ):  # cycles behind it are simulated, which needs all their events between start and end
+    # Cycles behind a touch are simulated, which needs all their events between start and end.
+    if test.kind == Kind.TOUCH:
         event = yield from in_section(event, walk.num_periods)
     if event.sequence.is_switching:
         new = yield from by_switching(event, test)
