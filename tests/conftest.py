@@ -4,16 +4,19 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 
 # Most of the time goes into compiling programs that run for milliseconds. They are compiled without optimisation,
 # unless `VIJAX_COMPILE_FULLY=1` requests the programs that users get.
 if not os.environ.get("VIJAX_COMPILE_FULLY"):
-    short_way = (
-        "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
-        " --xla_disable_hlo_passes=post_scatter_expansion_simplification"
-        ",while-loop-invariant-code-motion,tree_reduction_rewriter,reshape-mover"
-    )
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {short_way}"
+    short_way = [
+        "--xla_backend_optimization_level=0",
+        "--xla_disable_hlo_passes=post_scatter_expansion_simplification"
+        ",while-loop-invariant-code-motion,tree_reduction_rewriter,reshape-mover",
+    ]
+    if tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11):  # later ones end the process at this flag
+        short_way.append("--xla_cpu_use_fusion_emitters=false")
+    os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *short_way])
 
 import jax
 import jaxtyping

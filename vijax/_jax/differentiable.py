@@ -270,8 +270,9 @@ def _transpose(cotangents: Any, *row: Any, derivation: Derivation, sizes: tuple[
     return [None] * (sizes[0] + sizes[1]) + (found if watch is None else watch(found, False))
 
 
-def _without_unused(used: list[bool], equation: Any) -> tuple[list[bool], Any]:
-    """Compute only the tangents that are used."""
+def _without_unused(used: list[bool], *rest: Any) -> tuple[list[bool], Any]:
+    """Compute only the tangents that are used. Since JAX 0.12 a rule gets flags of live inputs before the equation."""
+    equation = rest[-1]
     if not any(used):
         return [False] * len(equation.invars), None
     derivation, some = equation.params["derivation"], iter(used)

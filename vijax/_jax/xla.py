@@ -193,16 +193,22 @@ def _called(function: Callable, structure: Any, leaves: tuple, attributes: tuple
 
 
 def _not_whole(results: PyTree) -> PyTree:
-    """Results of a call, of which XLA cannot see that they are all that a loop carries.
+    """Results of a call behind a barrier, which is gone before anything is fused.
 
-    Otherwise the call itself becomes the root of the loop's body, and XLA takes its arguments for results: one that is
-    carried at the same place as it is read counts as unchanged, and the call is moved out of the loop
-    (`GetInvariantGTEsForWhileBody`, JAX 0.10). The barrier is gone before anything is fused.
+    Two faults of the compiler end the process, or give wrong numbers, without it:
+
+    - XLA cannot see a call whose results are all that a loop carries as a call: it becomes the root of the loop's body,
+      and its arguments are taken for results. One that is carried at the same place as it is read counts as unchanged,
+      and the call is moved out of the loop (`GetInvariantGTEsForWhileBody`, JAX 0.10).
+    - Since 0.11 JAX removes results that nothing reads from the function that is called, even those that only hand an
+      argument back. Then nothing reads this argument, and the code generator fails (`All or none of the slices should
+      have an explicit index`); `scripts/compiler/unread_argument.py` shows it in plain JAX.
     """
     leaves, structure = jax.tree.flatten(results)
     arrays = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
-    if len(arrays) > 1:
-        leaves[arrays[0]] = jax.lax.optimization_barrier(leaves[arrays[0]])
+    kept = jax.lax.optimization_barrier([leaves[k] for k in arrays])
+    for k, leaf in zip(arrays, kept, strict=True):
+        leaves[k] = leaf
     return jax.tree.unflatten(structure, leaves)
 
 

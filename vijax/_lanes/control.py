@@ -230,7 +230,7 @@ def _turn(
 def scan(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
     """`scan`, written out."""
     p = equation.params
-    in_consts, in_carry = p["num_consts"], p["num_carry"]
+    in_consts, in_carry = _parts_of_scan(p)
     consts, carry, rows = xs[:in_consts], xs[in_consts : in_consts + in_carry], xs[in_consts + in_carry :]
     found, given = [], [rows_of(row) for row in rows]
     steps = range(p["length"])
@@ -243,6 +243,14 @@ def scan(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarr
         avals = [v.aval for v in equation.outvars[in_carry:]]
         return [*carry, *(as_elements(np.zeros(a.shape, a.dtype)) for a in avals)]
     return [*carry, *(np.stack(column) for column in zip(*found, strict=True))]
+
+
+def _parts_of_scan(params: dict[str, Any]) -> tuple[int, int]:
+    """Number of constants and of carried arrays among the operands."""
+    if "num_consts" in params:
+        return params["num_consts"], params["num_carry"]
+    consts, carry, _ = params["ft_in"].unpack()  # since JAX 0.11
+    return len(consts), len(carry)
 
 
 RULES.update({"cond": choose, "while": loop, "scan": scan})

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
 
-from .elements import Arithmetic, as_elements, flat, moved, shaped
+from .elements import Arithmetic, as_elements, flat, moved, rows_of, shaped
 from .folding import EXACT
 from .graph import Graph, is_known
 
@@ -252,6 +252,7 @@ RULES: dict[str, Rule] = {
     "rev": lambda program, e, xs: [np.flip(xs[0], e.params["dimensions"])],
     "concatenate": lambda program, e, xs: [np.concatenate(xs, axis=e.params["dimension"])],
     "stack": lambda program, e, xs: [np.stack(xs, axis=e.params["axis"])],
+    "unstack": lambda program, e, xs: rows_of(xs[0], e.params["axis"]),
     "split": _split,
     "iota": _iota,
     **dict.fromkeys(("stop_gradient", "optimization_barrier", "copy_p"), _same),
