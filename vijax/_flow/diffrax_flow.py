@@ -119,6 +119,11 @@ class DiffraxFlow(SteppingFlow):
         if isinstance(controller, diffrax.ConstantStepSize) and self.dt0 is None:
             raise ValueError("Argument `dt0` must be given with a constant step size.")
 
+    @property
+    def fits_one_kernel(self) -> bool:
+        """True for explicit methods with their stages written out; implicit ones solve systems by LAPACK."""
+        return self._is_written_out
+
     def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
         """Try one step."""
         return self._judged(state, hold, step, machine, self._step(machine, state, hold, step, "lax"))
@@ -220,6 +225,10 @@ class DiffraxFlow(SteppingFlow):
         return 0.1 / machine.rate if self._dt0 is None else self._dt0.astype(machine.rate.dtype)
 
     @property
+    def _is_written_out(self) -> bool:
+        return isinstance(self.solver, diffrax.AbstractERK) and self.solver.scan_kind is None
+
+    @property
     def _dt0(self) -> Scalar | None:
         """`dt0` of one trajectory, or of all lanes."""
         return self.dt0 if self.dt0 is None or not self.dt0.ndim else self.dt0[0]
@@ -237,7 +246,7 @@ class DiffraxFlow(SteppingFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str
     ) -> tuple[_Gains, _Gains, _Gains]:
         """Gains of positions, velocities and pushes, their errors, and the gains at the nodes of `bernstein.py`."""
-        if isinstance(self.solver, diffrax.AbstractERK) and self.solver.scan_kind is None:
+        if self._is_written_out:
             field = lambda time, gains: compute_once(_field, time, gains, (machine, state, hold))  # noqa: E731
             nothing = _nothing_gained(machine, state)
             end, error, inside = explicit_step(self.solver, field, nothing, step, degree_inside(self.solver))

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .._jax.arithmetic import is_arithmetic
 from .._jax.arrays import Reals, add_up, array_namespace, stack
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
@@ -60,6 +61,16 @@ class MachineNumbers(eqx.Module):
     def num_stops(self) -> int:
         """Number of contacts without friction."""
         return len(self.rows) if self.laws is None else self.laws.num_stops
+
+    @property
+    def has_arithmetic_force(self) -> bool:
+        """True where the force, if there is one, is arithmetic alone, see `is_arithmetic`."""
+        if self.force is None:
+            return True
+        has_lanes = self.mean.ndim > 1
+        of_one = lambda a: jax.ShapeDtypeStruct(a.shape[:-1] if has_lanes and a.ndim else a.shape, a.dtype)  # noqa: E731
+        force, mean = jax.tree.map(of_one, (self.force, self.mean))
+        return is_arithmetic(force, jax.ShapeDtypeStruct((), mean.dtype), mean, mean)
 
 
 def numbers_of(system: ImpactSystem) -> MachineNumbers:

@@ -224,7 +224,7 @@ def fits_one_kernel(numbers: MachineNumbers, flow: AbstractFlow, most: int) -> b
 def steps_fit_one_kernel(numbers: MachineNumbers, flow: AbstractFlow, most: int) -> bool:
     """True if the loop alone can be one kernel, after its preparation."""
     size = max(*numbers.rows.shape[:2], numbers.waves.num_harmonics)
-    return size <= most and flow.fits_one_kernel
+    return size <= most and flow.fits_one_kernel and numbers.has_arithmetic_force
 
 
 def run_prepared(task: LoopTask, carry: Carry, *, in_kernel: bool) -> tuple[LoopTask, Carry]:
