@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
 from .._jax.programs import Programs
-from .._jax.xla import in_one_kernel, options_for_lanes
+from .._jax.xla import are_sums_in_kernels, in_one_kernel, options_for_lanes
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, idle_mode
@@ -88,8 +88,11 @@ class LaneProgram(NamedTuple):
     observed: tuple[str, ...] = ()
 
 
-# Most lanes of one kernel, and most masses, stops or harmonics times lanes: XLA divides larger operations among threads,
-# which a kernel cannot contain. The default of lanes has room for the largest machine.
+# Most masses, stops or harmonics of a machine in one kernel: in larger ones products of matrices take longer than by a
+# library. Where XLA knows no option to leave sums to kernels, most lanes of one, and most masses, stops or harmonics times
+# lanes: it divides larger operations among threads, which a kernel cannot contain. The default of lanes has room for
+# the largest machine.
+_LARGEST = 32
 _MOST_LANES, _MOST_NUMBERS = 2 * DEFAULT_SETTINGS.lanes, UNROLLED * DEFAULT_SETTINGS.lanes
 
 
@@ -100,6 +103,8 @@ def are_small(points: Points) -> bool:
 
 def _fit_one_kernel(points: Points, num_lanes: int) -> bool:
     """True where the loop over these lanes is one kernel."""
+    if are_sums_in_kernels():
+        return steps_fit_one_kernel(points.numbers, points.flow, _LARGEST)
     most = min(UNROLLED, _MOST_NUMBERS // num_lanes)
     return num_lanes <= _MOST_LANES and steps_fit_one_kernel(points.numbers, points.flow, most)
 

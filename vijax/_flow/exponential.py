@@ -14,7 +14,7 @@ from equinox.internal import unvmap_max
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Scalar, matvec
+from .._jax.arrays import Scalar, matrix_product, matvec
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -113,4 +113,4 @@ def _matrix(machine: Machine, hold: Held) -> Float[Array, "y y ..."]:
 
 def _product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:
     """Matrix product, lanes last."""
-    return a @ b if a.ndim == b.ndim == 2 else jnp.sum(a[:, :, None] * b[None], axis=1)
+    return a @ b if a.ndim == b.ndim == 2 else matrix_product(a, b)

@@ -24,12 +24,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar, append_axes, matvec
+from .._jax.arrays import Scalar, append_axes, matrix_product, matvec
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, derivatives
 from .._machine.machine import Machine
-from .._machine.small_matrices import product
 from .._machine.state import State
 from .._system.waves import Waves, speeds, turned
 from .exact_step import ExpandingFlow
@@ -134,12 +133,12 @@ def _response(machine: Machine, modes: Modes) -> SteadyResponse:
     speed = waves.speeds(machine.frequency)
     stiff, drag = w2[None] - speed * speed, 2 * a[None] * speed
     scale = stiff * stiff + drag * drag
-    c, s = (product(part, shape) for part in (waves.cosine, waves.sine))
+    c, s = (matrix_product(part, shape) for part in (waves.cosine, waves.sine))
     transposed = jnp.swapaxes(shape, 0, 1)
     parts = (stiff * c - drag * s) / scale, (stiff * s + drag * c) / scale
-    response = Waves(*(product(part, transposed) for part in parts))
+    response = Waves(*(matrix_product(part, transposed) for part in parts))
     if machine.contacts.is_switching:
-        return SteadyResponse(product(shape / w2[None], transposed), response)
+        return SteadyResponse(matrix_product(shape / w2[None], transposed), response)
     return SteadyResponse(matvec(shape, matvec(transposed, machine.mean) / w2), response)
 
 
@@ -153,7 +152,7 @@ def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
     x3, x4 = shape * third[None], shape * fourth[None]
     x3_load = machine.frequency**3 * response.waves.bound(3)
     x4_load = machine.frequency**4 * response.waves.bound(4)
-    force = product(damping, x4) + product(stiffness, x3)
+    force = matrix_product(damping, x4) + matrix_product(stiffness, x3)
     force_load = machine.frequency**3 * machine.waves.bound(3)
     force_load = force_load + matvec(damping, x4_load) + matvec(stiffness, x3_load)
     rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)

@@ -17,11 +17,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import matvec
+from .._jax.arrays import matrix_product, matvec
 from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._machine.machine import Machine
-from .._machine.small_matrices import product
 from .._machine.state import KEPT_CLOSED, State
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 
@@ -204,7 +203,7 @@ def _beyond(
     turned = jnp.where(above, jnp.int8(1), jnp.where(are(FRICTION), jnp.int8(-1), jnp.int8(0)))
     # An open contact that closes; friction, or a contact that yields, that moves against its push.
     returns = ~holds & jnp.where(push == 0, along > 0, push * along < 0)
-    share = product(contacts.compliance, hold.inertia)
+    share = matrix_product(contacts.compliance, hold.inertia)
     is_doubtful = holds & ~redundant & ~is_inside
     is_let_down = jnp.any((jnp.abs(share) > noise) & is_doubtful[None], axis=1)
     return _Beyond(too_far, turned, returns, along, redundant & ~is_carried, is_inside, is_let_down)

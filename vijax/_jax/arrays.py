@@ -199,15 +199,34 @@ def smallest(rows: Sequence[Array] | Array) -> Array:
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
     """Multiply over the leading axes, term by term where that is little to compile."""
     m, n = matrix.shape[:2]
+    if n > UNROLLED:
+        return _large_matvec(matrix, vector)
     if vector.ndim == 1:  # stacked rows compile to a branch each
         products = matrix * vector[None]
         columns = [products[:, j] for j in range(n)]
         return add_up(columns) if 0 < n <= UNROLLED_ALONE else jnp.sum(products, axis=1)
     if m * n <= 16:
         return stack([add_up([matrix[i, j] * vector[j] for j in range(n)]) for i in range(m)])
-    if n <= UNROLLED:
-        return add_up([matrix[:, j] * vector[j] for j in range(n)])
-    return jnp.sum(matrix * vector[None], axis=1)
+    return add_up([matrix[:, j] * vector[j] for j in range(n)])
+
+
+def _large_matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
+    """Multiply without an array of all products, which would not fit into the cache."""
+    if matrix.ndim == 2 or matrix.shape[-1] == 1:  # one matrix for all lanes
+        return matrix.reshape(matrix.shape[:2]) @ vector
+    add = lambda j, total: total + matrix[:, j] * vector[j]  # noqa: E731
+    zero = jnp.zeros((len(matrix), *np.broadcast_shapes(matrix.shape[2:], vector.shape[1:])), vector.dtype)
+    return jax.lax.fori_loop(0, matrix.shape[1], add, zero)
+
+
+def matrix_product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:
+    """Multiply matrices, lanes last."""
+    if a.shape[1] <= UNROLLED:
+        return jnp.sum(a[:, :, None] * b[None], axis=1)
+    if a.ndim == b.ndim == 2:
+        return a @ b
+    a, b = jnp.broadcast_arrays(a[:, :, None], b[None])
+    return jnp.einsum("ij...,jk...->ik...", a[:, :, 0], b[0])
 
 
 def append_axes(vector: Reals, like: Reals) -> Reals:

@@ -6,6 +6,7 @@ JAX that lacks them has the same effect.
 
 import abc
 import os
+import re
 from collections.abc import Callable
 from functools import cache, lru_cache, wraps
 from operator import attrgetter
@@ -60,9 +61,18 @@ def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
+# Kernels of `in_one_kernel` can call no library and divide no work among threads: options for programs with sums of more
+# than `UNROLLED` terms in kernels.
+_PASSES = "xla_disable_hlo_passes"
+# An option replaces what the environment says.
+_DISABLED = re.findall(rf"--{_PASSES}=(\S+)", os.environ.get("XLA_FLAGS", ""))
+_FOR_SUMS = {
+    "xla_cpu_experimental_ynn_fusion_type": "",
+    _PASSES: ",".join(["cpu-parallel-task-assigner", *_DISABLED]),
+}
 # Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
-# generator it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
-_LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4}
+# generator (before JAX 0.11) it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
+_LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4, **_FOR_SUMS}
 
 
 def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
@@ -110,6 +120,11 @@ def options_for_lanes() -> dict | None:
     return _known_of(_LIGHTLY | {"xla_cpu_prefer_vector_width": 512})
 
 
+def are_sums_in_kernels() -> bool:
+    """True where kernels may have sums of any length in programs that are compiled by this file's options."""
+    return _known_of(_FOR_SUMS) == _FOR_SUMS
+
+
 def _known_of(options: dict) -> dict | None:
     """Those options that the backend has, if it is a CPU."""
     if PLAIN or jax.default_backend() != "cpu":
@@ -118,7 +133,7 @@ def _known_of(options: dict) -> dict | None:
 
 
 @cache
-def _knows(name: str, value: bool | int) -> bool:
+def _knows(name: str, value: bool | int | str) -> bool:
     """True where this version of XLA has an option of a CPU."""
     try:
         jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
@@ -202,7 +217,7 @@ def _not_whole(results: PyTree) -> PyTree:
       and the call is moved out of the loop (`GetInvariantGTEsForWhileBody`, JAX 0.10).
     - Since 0.11 JAX removes results that nothing reads from the function that is called, even those that only hand an
       argument back. Then nothing reads this argument, and the code generator fails (`All or none of the slices should
-      have an explicit index`); `scripts/compiler/unread_argument.py` shows it in plain JAX.
+      have an explicit index`); `unread_argument.py` shows it in plain JAX.
     """
     leaves, structure = jax.tree.flatten(results)
     arrays = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]

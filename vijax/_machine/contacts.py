@@ -23,12 +23,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Reals, Scalar, matvec
+from .._jax.arrays import Reals, Scalar, matrix_product, matvec
 from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._system.restitution import Restitution, coefficient, light_coefficient
 from .._system.waves import Waves, phase_rate
-from .small_matrices import diagonal, inverse_among, product, slack_of
+from .small_matrices import diagonal, inverse_among, slack_of
 
 # Contacts that hold, and their effect on the motion: a `Hold`; for `Stops` the flags of the masses at rest, (n, ...).
 Held = Any
@@ -226,8 +226,8 @@ class Contacts(eqx.Module):
     def _hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """Effect of holding, from the inverse of G among the held contacts."""
         inertia, weighted = inverse_among(self.compliance, held), self._weighted()
-        reaction = product(inertia, weighted)
-        mobility = self._inverse() - product(jnp.swapaxes(weighted, 0, 1), reaction)
+        reaction = matrix_product(inertia, weighted)
+        mobility = self._inverse() - matrix_product(jnp.swapaxes(weighted, 0, 1), reaction)
         if self.walls is None:
             return Hold(held, inertia, reaction, mobility, None)
         back, accelerated = jnp.swapaxes(reaction, 0, 1), self._accelerated()
@@ -265,7 +265,7 @@ class Contacts(eqx.Module):
 
     def depend_on(self, members: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
         """Flags of contacts whose rows and motions depend on those of `members`: they stay closed while these do."""
-        share = product(self.compliance, inverse_among(self.compliance, members))
+        share = matrix_product(self.compliance, inverse_among(self.compliance, members))
         whole = diagonal(self.compliance)
         slack = slack_of(self.compliance)
         rest = whole - jnp.sum(share * self.compliance, axis=1)
@@ -279,8 +279,8 @@ class Contacts(eqx.Module):
 
     def compliance_beside(self, hold: Hold) -> Float[Array, "contacts contacts ..."]:
         """G of the contacts that do not hold, with the held ones closed."""
-        share = product(self.compliance, hold.inertia)
-        return self.compliance - product(share, self.compliance)
+        share = matrix_product(self.compliance, hold.inertia)
+        return self.compliance - matrix_product(share, self.compliance)
 
     def free_pull(
         self, force: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
@@ -408,7 +408,7 @@ class Contacts(eqx.Module):
         """A M^-1."""
         if not self._has_full_mass:
             return self.rows * self.inverse_mass[None]
-        return product(self.rows, self.inverse_mass)
+        return matrix_product(self.rows, self.inverse_mass)
 
     def _inverse(self) -> Array:
         """M^-1."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Reals, Scalar, clip_to_zero, matvec, over_lanes
+from .._jax.arrays import Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes
 from .._system.waves import Waves, phase_at, phase_rate
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
@@ -366,6 +366,6 @@ def _norm(matrix: Float[Array, "n n ..."]) -> Scalar:
     """Bound the largest singular value of a matrix A: the Frobenius norm of (A^T A)^2, to the 1/4."""
     largest = jnp.max(jnp.abs(matrix), axis=(0, 1))
     unit = matrix / jnp.where(largest > 0, largest, 1.0)
-    unit = jnp.sum(jnp.swapaxes(unit, 0, 1)[:, :, None] * unit[None], axis=1)
-    unit = jnp.sum(unit[:, :, None] * unit[None], axis=1)
+    unit = matrix_product(jnp.swapaxes(unit, 0, 1), unit)
+    unit = matrix_product(unit, unit)
     return largest * jnp.sum(unit * unit, axis=(0, 1)) ** 0.125

@@ -48,11 +48,6 @@ def slack_of(matrix: Float[Array, "contacts contacts ..."]) -> float:
     return 64 * len(matrix) * float(jnp.finfo(matrix.dtype).eps)
 
 
-def product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:
-    """Matrix product, lanes last."""
-    return jnp.sum(a[:, :, None] * b[None], axis=1)
-
-
 def diagonal(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts ..."]:
     """Diagonal of a matrix, lanes last."""
     return jnp.stack([matrix[j, j] for j in range(len(matrix))]) if len(matrix) else matrix[:, 0]

@@ -6,11 +6,12 @@ every operation counts, rows are NumPy arrays, concrete while the loop is traced
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Reals, matvec, stack
+from .._jax.arrays import UNROLLED, Reals, append_axes, array_namespace, matvec, stack
 from .._system.restitution import Restitution
 from .contacts import Contacts, Held
 
@@ -20,6 +21,7 @@ class Stops(Contacts):
 
     Attributes:
         acts_on: flags of the masses that each contact acts on, (contacts, n).
+        places: where the stops are among the masses; None if they are few, which loops over them serve.
     """
 
     is_coupled: ClassVar[bool] = False
@@ -29,10 +31,12 @@ class Stops(Contacts):
     compliance: ClassVar[None] = None
 
     acts_on: Reals
+    places: "Places | None"
 
     def __init__(self, rows: Reals, limit: Array, restitution: Restitution, inverse_mass: Array):
         self.rows, self.limit, self.restitution, self.inverse_mass = rows, limit, restitution, inverse_mass
         self.acts_on, self.signs = rows != 0, rows.sum(axis=1)
+        self.places = places_of(rows)
 
     @property
     def effective_mass(self) -> Float[Array, "contacts ..."]:
@@ -40,11 +44,15 @@ class Stops(Contacts):
         return 1 / self.size(self.inverse_mass)
 
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """Without a product where rows are concrete, see `_applied`."""
+        """Without a product where rows are concrete or many, see `_applied`."""
+        if self.places is not None:
+            return append_axes(self.places.signs, of_masses) * of_masses[self.places.mass]
         return _applied(self.rows, of_masses)
 
     def size(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """Without a product where rows are concrete."""
+        """Without a product where rows are concrete or many."""
+        if self.places is not None:
+            return of_masses[self.places.mass]
         return _applied(abs(self.rows), of_masses)
 
     def signed(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
@@ -59,6 +67,8 @@ class Stops(Contacts):
     def masses_of(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "n ..."]:
         """Flags of the masses on which a flagged contact acts, (n, ...)."""
         found = jnp.zeros((self.acts_on.shape[1], *flags.shape[1:]), bool)
+        if self.places is not None:
+            return self.places.assigned(found, flags, flags)
         for j in range(self.num):
             found = found | (flags[j] & self.acts_on[j])
         return found
@@ -105,6 +115,8 @@ class Stops(Contacts):
     ) -> Float[Array, "n ..."]:
         """Gaps exactly zero: the position is assigned."""
         del phase
+        if self.places is not None:
+            return self.places.assigned(x, flags, self.signed(self.limit))
         for j in range(self.num):
             x = jnp.where(flags[j] & self.acts_on[j], self.rows[j] * self.limit[j], x)
         return x
@@ -119,6 +131,8 @@ class Stops(Contacts):
         """Velocity of each hit mass multiplied by -r; other masses do not change."""
         del kept, phase_rate
         restitution = self.restitution_at(self.along(v))
+        if self.places is not None:
+            return self.places.assigned(v, hit, -restitution * self.size(v))
         for j in range(self.num):
             v = jnp.where(hit[j] & self.acts_on[j], -restitution[j] * v, v)
         return v
@@ -132,6 +146,8 @@ class Stops(Contacts):
     ) -> Float[Array, "n ..."]:
         """Velocities of the masses of flagged contacts assigned; other masses do not change."""
         del phase_rate
+        if self.places is not None:
+            return self.places.assigned(v, flags, self.signed(approach))
         for j in range(self.num):
             v = jnp.where(flags[j] & self.acts_on[j], self.rows[j] * approach[j], v)
         return v
@@ -168,6 +184,41 @@ class Stops(Contacts):
         """Zero for the masses of flagged contacts."""
         del phase_rate
         return jnp.where(self.masses_of(held), 0, v)
+
+
+class Places(eqx.Module):
+    """Where many stops are among the masses.
+
+    Attributes:
+        mass: mass of each stop, (contacts,).
+        signs: entry of its row, (contacts,).
+        stops: first and last stop of each mass, (2, n): a mass has one on each side at most.
+        exists: flags of masses that have them, (n,).
+    """
+
+    mass: Reals
+    signs: Reals
+    stops: Reals
+    exists: Reals
+
+    def assigned(self, of_masses: Array, flags: Bool[Array, "contacts ..."], values: Array) -> Array:
+        """Values of the flagged stops in the entries of their masses; the others do not change."""
+        values = jnp.broadcast_to(append_axes(values, flags), flags.shape)
+        for stop in self.stops:
+            is_flagged = flags[stop] & append_axes(self.exists, flags)
+            of_masses = jnp.where(is_flagged, values[stop], of_masses)
+        return of_masses
+
+
+def places_of(rows: Reals) -> Places | None:
+    """Places of stops that are many, if all lanes have the same."""
+    if len(rows) <= UNROLLED or (rows.ndim > 2 and rows.shape[-1] > 1):
+        return None
+    rows = rows.reshape(rows.shape[:2])
+    is_there = rows != 0
+    last = len(rows) - 1 - is_there[::-1].argmax(axis=0)
+    stops = array_namespace(rows).stack([is_there.argmax(axis=0), last])
+    return Places(is_there.argmax(axis=1), rows.sum(axis=1), stops, is_there.any(axis=0))
 
 
 def _applied(rows: Reals, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:

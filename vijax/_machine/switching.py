@@ -17,12 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Reals, append_axes, matvec
+from .._jax.arrays import Reals, append_axes, matrix_product, matvec
 from .._system.restitution import Restitution
 from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
 from .contacts import Contacts, Hold
-from .small_matrices import inverse_among, product
+from .small_matrices import inverse_among
 from .state import Mode, State
 
 RIGID, COMPLIANT, FRICTION = 0, 1, 2
@@ -204,7 +204,7 @@ class SwitchingContacts(Contacts):
         """Stiffness and damping that closed compliant contacts add, (n, n) each."""
         back = jnp.swapaxes(self.rows, 0, 1)
         weights = (jnp.where(closed, a, 0) for a in (self.laws.stiffness, self.laws.damping))
-        stiffness, damping = (product(back, a[:, None] * self.rows) for a in weights)
+        stiffness, damping = (matrix_product(back, a[:, None] * self.rows) for a in weights)
         return stiffness, damping
 
     def held_and_closed(

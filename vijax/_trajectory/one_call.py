@@ -3,6 +3,7 @@
 Arguments and results are packed into few arrays: the machine, once for all calls, the request, and the progress.
 """
 
+import sys
 from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
@@ -15,9 +16,9 @@ from jax.typing import DTypeLike
 from jaxtyping import Array
 
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import UNROLLED_ALONE, Reals
+from .._jax.arrays import UNROLLED, UNROLLED_ALONE, Reals
 from .._jax.packing import Layout, Packed, layout_of, pack
-from .._jax.xla import jit_lightly
+from .._jax.xla import are_sums_in_kernels, jit_lightly
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, idle_mode, with_memory
 from .grazing import Grazing
@@ -31,6 +32,8 @@ from .loop import (
     is_over,
     prepare_loop,
     run_loop,
+    run_prepared,
+    steps_fit_one_kernel,
 )
 from .solution import Solution
 
@@ -133,11 +136,16 @@ def _packed_of_shape(*sizes: Any) -> Packed:
 def call(known: KnownMachine, request: Packed, left: Packed) -> Found:
     """Follow a trajectory, from its start or from the progress `left` of the call before."""
     (numbers, flow), asked = known.machine.layout.shapes(), request.unpacked()
-    in_kernel = fits_one_kernel(numbers, flow, UNROLLED_ALONE)
-    # Otherwise each of fifty arrays would be the result of a kernel.
-    unpack = Packed.unpacked if in_kernel else Packed.unpacked_by_kernel
-    begin = partial(_begin, unpack=unpack, choices=known.choices)
-    task, last = run_loop(begin, (known.machine, request, left), in_kernel=in_kernel)
+    arguments = known.machine, request, left
+    has_sums = are_sums_in_kernels()
+    if fits_one_kernel(numbers, flow, UNROLLED if has_sums else UNROLLED_ALONE):
+        begin = partial(_begin, unpack=Packed.unpacked, choices=known.choices)
+        task, last = run_loop(begin, arguments, in_kernel=True)
+    else:
+        # Otherwise each of fifty arrays would be the result of a kernel.
+        begin = partial(_begin, unpack=Packed.unpacked_by_kernel, choices=known.choices)
+        most = sys.maxsize if has_sums else UNROLLED_ALONE
+        task, last = run_prepared(*begin(*arguments), in_kernel=steps_fit_one_kernel(numbers, flow, most))
     solution, reached = finish(task, last, asked, known.choices), _progress(task, last, asked)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
