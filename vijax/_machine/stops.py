@@ -46,13 +46,13 @@ class Stops(Contacts):
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Without a product where rows are concrete or many, see `_applied`."""
         if self.places is not None:
-            return append_axes(self.places.signs, of_masses) * of_masses[self.places.mass]
+            return self.places.along(of_masses)
         return _applied(self.rows, of_masses)
 
     def size(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Without a product where rows are concrete or many."""
         if self.places is not None:
-            return of_masses[self.places.mass]
+            return self.places.sizes(of_masses)
         return _applied(abs(self.rows), of_masses)
 
     def signed(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
@@ -187,7 +187,7 @@ class Stops(Contacts):
 
 
 class Places(eqx.Module):
-    """Where many stops are among the masses.
+    """Where many stops are among the masses; arrays have a last axis of length one where others have lanes.
 
     Attributes:
         mass: mass of each stop, (contacts,).
@@ -201,10 +201,18 @@ class Places(eqx.Module):
     stops: Reals
     exists: Reals
 
+    def sizes(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
+        """Entries of the masses of the stops."""
+        return of_masses[self.mass.reshape(len(self.mass))]
+
+    def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
+        """The same along the directions of the stops."""
+        return append_axes(self.signs, of_masses) * self.sizes(of_masses)
+
     def assigned(self, of_masses: Array, flags: Bool[Array, "contacts ..."], values: Array) -> Array:
         """Values of the flagged stops in the entries of their masses; the others do not change."""
         values = jnp.broadcast_to(append_axes(values, flags), flags.shape)
-        for stop in self.stops:
+        for stop in self.stops.reshape(2, -1):
             is_flagged = flags[stop] & append_axes(self.exists, flags)
             of_masses = jnp.where(is_flagged, values[stop], of_masses)
         return of_masses
@@ -214,10 +222,9 @@ def places_of(rows: Reals) -> Places | None:
     """Places of stops that are many, if all lanes have the same."""
     if len(rows) <= UNROLLED or (rows.ndim > 2 and rows.shape[-1] > 1):
         return None
-    rows = rows.reshape(rows.shape[:2])
     is_there = rows != 0
-    last = len(rows) - 1 - is_there[::-1].argmax(axis=0)
-    stops = array_namespace(rows).stack([is_there.argmax(axis=0), last])
+    first, last = is_there.argmax(axis=0), len(rows) - 1 - is_there[::-1].argmax(axis=0)
+    stops = array_namespace(rows).stack([first, last])
     return Places(is_there.argmax(axis=1), rows.sum(axis=1), stops, is_there.any(axis=0))
 
 
