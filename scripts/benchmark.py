@@ -3,6 +3,7 @@
     python scripts/benchmark.py               # quick: about five minutes on two cores
     python scripts/benchmark.py --full        # everything, all sizes: about forty
     python scripts/benchmark.py --only sweeps derivatives
+    python scripts/benchmark.py --only masses --full --beside other/benchmark.json   # two releases of JAX
 
 Writes benchmark.json, CSV files and pictures to out/, and prints the table of the README. Errors are
 against scenes solved to 36 digits (tests/data/golden), never against vijax. Compilation and runs are
@@ -12,6 +13,7 @@ them, and the C++ programs are built where there is a compiler.
 """
 
 import argparse
+import json
 import time
 from pathlib import Path
 
@@ -51,6 +53,13 @@ def main() -> None:
     parser.add_argument("--full", action="store_true", help="all sizes and more repeats")
     parser.add_argument("--only", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--out", type=Path, default=Path("out"))
+    parser.add_argument(
+        "--beside",
+        nargs="+",
+        type=Path,
+        default=[],
+        help="benchmark.json of other releases of JAX, each a column",
+    )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     results: dict = {"surroundings": report.surroundings(), "seconds": {}}
@@ -60,8 +69,9 @@ def main() -> None:
         results[name] = PARTS[name](options.full)
         results["seconds"][name] = time.perf_counter() - start
         report.write(results, options.out)
-    pictures.draw(results, options.out)
-    print("\n" + report.table(results))
+    others = [json.loads(path.read_text()) for path in options.beside]
+    pictures.draw(results, options.out, *others)
+    print("\n" + report.table(results, *others))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from . import convergence
-from .report import size
+from .report import jax_of, size
 from .single import SCENES
 
 # Colour and marker of each program, in the order of the legend; those of one family share the marker.
@@ -32,14 +32,40 @@ METHODS: dict[str, dict[str, Any]] = {
 FAILED, EXACT = 30.0, 1e-16
 
 
-def draw(results: dict[str, Any], folder: Path) -> None:
-    """All pictures of what was measured."""
+def draw(results: dict[str, Any], folder: Path, *others: dict[str, Any]) -> None:
+    """All pictures of what was measured, in that of the number of masses beside other runs of the benchmark."""
     if results.get("work_precision"):
         work_precision(results["work_precision"], folder / "work_precision.png")
     if results.get("convergence"):
         converging(results["convergence"], folder / "diffrax_convergence.png")
     if any(results.get(name) for name in ("throughput", "masses", "stops")):
         scaling(results, folder / "scaling.png")
+    if results.get("masses"):
+        costs_of_masses([results, *others], folder / "masses.png")
+
+
+def costs_of_masses(runs: list[dict[str, Any]], path: Path) -> None:
+    """Cost of a step of a lane, and of one trajectory, by the number of masses."""
+    panels = {
+        "microseconds per step": "a sweep of 128 points\ntime of a step of a point / us",
+        "one trajectory / ms": "one trajectory over 80 units of time\ntime / ms",
+    }
+    fig, axes = plt.subplots(1, len(panels), figsize=(9, 3.8), layout="constrained")
+    for ax, (name, title) in zip(axes, panels.items(), strict=True):
+        for run, style in zip(runs, ("o-", "s--", "d:"), strict=False):
+            rows = run.get("masses") or []
+            n, cost = ([row[key] for row in rows] for key in ("masses", name))
+            ax.loglog(n, cost, style, label=f"JAX {jax_of(run)}")
+        ax.set_xticks(n := [row["masses"] for row in runs[0]["masses"]], n)
+        ax.tick_params(axis="x", labelrotation=60)
+        ax.minorticks_off()
+        what, unit = title.split("\n")
+        ax.set(xlabel="number of masses, each with a stop", ylabel=unit)
+        ax.set_title(what, fontsize=10)
+        ax.grid(alpha=0.3)
+    axes[0].legend()
+    fig.savefig(path, dpi=150)
+    plt.close(fig)
 
 
 def converging(rows: list[dict], path: Path) -> None:
@@ -155,8 +181,8 @@ def scaling(results: dict[str, Any], path: Path) -> None:
     """Time against points, masses and stops."""
     panels = {
         ("throughput", "points"): "sweep of 20 periods",
-        ("masses", "masses"): "half of the masses with a stop, 96 points",
-        ("stops", "stops"): "16 masses, 96 points",
+        ("masses", "masses"): "every mass with a stop, 128 points",
+        ("stops", "stops"): "16 masses, 128 points",
     }
     fig, axes = plt.subplots(1, len(panels), figsize=(11, 4.0), layout="constrained")
     for ax, ((name, by), title) in zip(axes, panels.items(), strict=True):

@@ -6,6 +6,7 @@ import os
 import platform
 import shutil
 import subprocess
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -65,15 +66,39 @@ def write(results: dict[str, Any], folder: Path, name: str = "benchmark") -> Non
             writer.writerows(rows)
 
 
-def table(results: dict[str, Any]) -> str:
-    """The short tables of the README, of what was measured."""
+def table(*runs: dict[str, Any]) -> str:
+    """The short tables of the README, of what was measured, with a column for each run of the benchmark."""
     lines = []
-    if "sweeps" in results:
-        lines += [*sweep_table(results["sweeps"]), ""]
-    facts = [fact for name, tell in FACTS.items() if results.get(name) for fact in tell(results[name])]
-    if facts:
-        lines += ["| | |", "| --- | --- |", *(f"| {what} | {value} |" for what, value in facts)]
+    if "sweeps" in runs[0]:
+        lines += [*sweep_table(sweeps_beside(runs)), ""]
+    facts = [dict(facts_of(run)) for run in runs]
+    if facts[0]:
+        names = [f"JAX {jax_of(run)}" for run in runs]
+        lines += [f"| | {' | '.join(names)} |", "| --- " * (len(runs) + 1) + "|"]
+        lines += [f"| {what} | {' | '.join(own.get(what, '-') for own in facts)} |" for what in facts[0]]
     return "\n".join(lines)
+
+
+def jax_of(run: dict[str, Any]) -> str:
+    """Release of JAX of a run."""
+    return run["surroundings"]["versions"]["jax"]
+
+
+def facts_of(run: dict[str, Any]) -> list[tuple[str, str]]:
+    """What was measured and how large it is, in words."""
+    return [fact for name, tell in FACTS.items() if run.get(name) for fact in tell(run[name])]
+
+
+def sweeps_beside(runs: Sequence[dict[str, Any]]) -> list[dict]:
+    """Sweeps of the first run, and those of vijax of the others under the names of their releases of JAX."""
+    first, *others = runs
+    more = [
+        {**row, "method": f"vijax, JAX {jax_of(run)}"}
+        for run in others
+        for row in run.get("sweeps", [])
+        if row["method"] == "vijax"
+    ]
+    return [*first["sweeps"], *more]
 
 
 def sweep_table(rows: list[dict]) -> list[str]:
@@ -135,10 +160,12 @@ def of_throughput(rows: list[dict]) -> list[tuple[str, str]]:
 
 
 def of_masses(rows: list[dict]) -> list[tuple[str, str]]:
-    """Time of the largest machine beside that of two masses."""
-    two, last = rows[1], rows[-1]
-    value = f"{last['min / s'] / two['min / s']:.3g} times that of two, {size(last['error'])}"
-    return [(f"{last['masses']} masses with {last['stops']} stops", value)]
+    """Costs of machines of each size."""
+    facts = []
+    for row in rows:
+        value = f"{row['microseconds per step']:.2g} us a lane and step, one trajectory {row['one trajectory / ms']:.2g} ms"
+        facts.append((f"{row['masses']} masses with {row['stops']} stops", f"{value}, {size(row['error'])}"))
+    return facts
 
 
 def of_first_results(rows: list[dict]) -> list[tuple[str, str]]:

@@ -17,20 +17,22 @@ from .scenes import Scene, frequencies_around, load, machine, sweep_error
 from .timing import Compilations, summary, times
 
 ONE_MASS, TWO_MASSES = "n1_both_r07", "paper_a_om080"
-POINTS, PERIODS = 96, 10
-MASSES = [1, 2, 4, 8, 16, 32, 64]
+POINTS, PERIODS = 128, 10
+MASSES = [1, 2, 4, 5, 8, 12, 16, 20, 32, 50, 100, 200]
 STOPS = [2, 4, 8, 16, 30]
+# Span of one trajectory.
+ALONE = 80.0
 # The masses of the machine whose stops are counted.
 OF_STOPS = 16
 
 
 def masses(full: bool) -> list[dict]:
-    """Time and compile time against the number of masses, every other one with a stop."""
+    """Time of a sweep, of one trajectory, and of compiling, against the number of masses, each with a stop."""
     rows = []
-    for n in MASSES if full else (1, 2, 8):
+    for n in MASSES if full else (1, 2, 8, 20):
         scene = load(ONE_MASS if n == 1 else TWO_MASSES)
         rest = n - scene["n"]
-        rows.append(measure(scene, rest, [vx.Stop(i, 0.3, "upper", 0.7) for i in range(0, rest, 2)]))
+        rows.append(measure(scene, rest, [vx.Stop(i, 0.3, "upper", 0.7) for i in range(rest)]))
     return rows
 
 
@@ -61,7 +63,8 @@ def measure(scene: Scene, rest: int, more: list[vx.Stop]) -> dict:
         "steps per period": steps / POINTS / PERIODS,
         "microseconds per step": 1e6 * row["min / s"] / steps,
     }
-    row |= {"compiling / s": compiling.seconds}
+    alone = times(lambda: vx.simulate(system, 0.0, ALONE, max_events=1024).x1, 6)
+    row |= {"one trajectory / ms": 1e3 * min(alone[1:]), "compiling / s": compiling.seconds}
     say(row)
     return row
 
