@@ -203,13 +203,17 @@ def _not_whole(results: PyTree) -> PyTree:
     - Since 0.11 JAX removes results that nothing reads from the function that is called, even those that only hand an
       argument back. Then nothing reads this argument, and the code generator fails (`All or none of the slices should
       have an explicit index`); `scripts/compiler/unread_argument.py` shows it in plain JAX.
+
+    Flags and counts have a barrier of their own: behind one that numbers with derivatives share, JAX gives them
+    derivatives too, and what they decide, such as `is_any`, has none.
     """
-    leaves, structure = jax.tree.flatten(results)
-    arrays = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
-    kept = jax.lax.optimization_barrier([leaves[k] for k in arrays])
-    for k, leaf in zip(arrays, kept, strict=True):
-        leaves[k] = leaf
-    return jax.tree.unflatten(structure, leaves)
+    arrays, rest = eqx.partition(results, lambda a: isinstance(a, jax.Array))
+    parts = eqx.partition(arrays, eqx.is_inexact_array)
+    return eqx.combine(*map(_behind_barrier, parts), rest)
+
+
+def _behind_barrier(tree: PyTree) -> PyTree:
+    return jax.lax.optimization_barrier(tree) if jax.tree.leaves(tree) else tree
 
 
 def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
