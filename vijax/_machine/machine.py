@@ -222,6 +222,15 @@ def moving_with(machine: Machine, state: State, x: Float[Array, "n ..."], v: Flo
     return eqx.tree_at(lambda s: (s.x, s.v, s.gap), state, tuple(same))
 
 
+def moving_on_contacts(machine: Machine, state: State) -> State:
+    """First state that stays on the contacts where it starts, whatever start the derivatives vary."""
+    contacts, phase = machine.contacts, state.phase
+    closed = (state.gap == 0) & contacts.is_rigid
+    x = with_derivative_of(state.x, contacts.with_closed_gaps(state.x, closed, phase))
+    gap = with_derivative_of(state.gap, jnp.where(closed, 0, contacts.gaps(x, phase)))
+    return eqx.tree_at(lambda s: (s.x, s.gap), state, (x, gap))
+
+
 def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
     """Time since the start as whole forcing periods and remainder."""
     whole = jnp.floor(span / machine.period)
