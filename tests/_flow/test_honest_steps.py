@@ -109,3 +109,16 @@ def test_derivatives_at_rest_of_springs_that_change_with_time_are_those_of_hill_
     )
     found = jax.jacfwd(end_from(machine, 10.0))(jnp.zeros(4))
     np.testing.assert_allclose(found, right, atol=ACCURACY * np.abs(right).max())
+
+
+@pytest.mark.parametrize("width", [0.05, 0.02])
+def test_a_machine_at_rest_feels_a_pulse_that_comes_late(width):
+    def pulse(t, x, v, args):
+        return 100 * jnp.exp(-(((t - 30) / width) ** 2)) + 0 * x
+
+    machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [], force=pulse)
+    end = vx.simulate(machine, 0.0, 60.0)
+    # The response to the momentum 100 sqrt(pi) width, spread over the width.
+    root = complex(-0.05, np.sqrt(1 - 0.05**2))
+    push = 100 * np.sqrt(np.pi) * width * np.exp(-30 * -root + (root * width / 2) ** 2)
+    np.testing.assert_allclose(end.x1[0], (push / root.imag).imag, rtol=1e-7)
