@@ -60,7 +60,7 @@ _MEANINGS = {
     "impact_rate": "recorded impacts per unit of time",
     "impulse": "sum of the impulses of the impacts in the period",
     "dissipated_energy": "energy that the impacts in the period dissipate",
-    "mean_velocity": "mean velocity over the recorded periods",
+    "mean_velocity": "mean velocity from the end of the first recorded period to that of the last",
     "held_time": "for how long the stop holds its mass in the period",
     "forcing_period": "period of the load",
     "stop_mass": "mass of the stop",

@@ -236,3 +236,15 @@ def test_starts_that_are_none_are_refused(starts, options, sentence):
 def test_basins_of_anything_else_are_refused():
     with pytest.raises(ValueError, match="must name two start quantities or more"):
         vx.basins(MIRRORED, {"x0[0]": [0.0]})
+
+
+def test_starts_of_a_grid_beyond_a_stop_have_no_label():
+    machine = vx.models.impact_oscillator(1.3, position=0.2, damping_ratio=0.1, restitution=0.6)
+    grid = {"x0[0]": np.linspace(-0.4, 0.4, 5), "v0[0]": np.linspace(-1, 1, 3)}
+    found = vx.basins(machine, grid, progress=False)
+    np.testing.assert_array_equal((found.label == -1).all("v0[0]"), [False, False, False, False, True])
+    inside = vx.basins(machine, grid | {"x0[0]": grid["x0[0]"][:4]}, progress=False)
+    np.testing.assert_array_equal(found.label[:4], inside.label)
+    np.testing.assert_array_equal(found.share, inside.share)
+    with pytest.raises(ValueError, match="Every start of the grid lies beyond a stop"):
+        vx.basins(machine, grid | {"x0[0]": np.array([0.3, 0.4])}, progress=False)

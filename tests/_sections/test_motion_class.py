@@ -287,3 +287,17 @@ def test_without_stops_a_motion_is_still_told():
     empty = ds.isel(stop=slice(0, 0))
     assert motion_of(empty) == ("non_impacting", 2)
     assert vx.impact_map(empty).sizes["impact"] == 0
+
+
+def test_motions_that_have_not_settled_are_counted_with_the_time_that_they_need():
+    machine = vx.models.impact_oscillator(1.0, position=0.2, damping_ratio=0.01, restitution=0.8)
+    values = {"forcing.frequency": [1.8, 1.9]}
+    ds = vx.sweep(machine, values, transient=30, record=16, progress=False)
+    with pytest.warns(
+        UserWarning, match=r"[12] of 2 motions have not settled. Run on for about \d+ forcing periods more"
+    ) as said:
+        vx.classify(ds)
+    assert len(said) == 1
+    more = int(str(said[0].message).split("about ")[1].split()[0])
+    again = vx.sweep(machine, values, transient=30 + 2 * more, record=16, progress=False)
+    assert (vx.classify(again).num_periods > 0).all()

@@ -199,5 +199,24 @@ def test_quantities_that_do_not_follow_from_the_record_are_refused():
         [vx.CompliantStop(0, 0.3, "upper", 20.0)],
     )
     for machine in (full, compliant, vx.models.bead_column(2)):
-        with pytest.raises(ValueError, match=r"every stop is a `vx\.Stop`"):
+        with pytest.raises(ValueError, match=r"every rigid stop is a `vx\.Stop`"):
             sweep(machine, {"damping": np.asarray(machine.damping)[None]}, [ENERGY])
+
+
+def test_impulses_at_rigid_stops_do_not_need_the_others_to_be_rigid():
+    stops = [vx.Stop(0, 0.5, "upper", 0.8), vx.CompliantStop(0, -9.0, "lower", 50.0, 0.8)]
+    load, names = vx.Harmonic([1.0], 1.0), ["impulse", "dissipated_energy"]
+    both, rigid = (
+        vx.sweep(
+            vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, own),
+            {"forcing.frequency": [1.0, 1.1]},
+            transient=9,
+            record=3,
+            quantities=names,
+            progress=False,
+        )
+        for own in (stops, stops[:1])
+    )
+    for name in names:
+        np.testing.assert_allclose(both[name][..., 0], rigid[name][..., 0], rtol=1e-9)
+        assert np.isnan(both[name][..., 1]).all()

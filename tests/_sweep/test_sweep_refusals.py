@@ -93,3 +93,22 @@ def test_a_start_of_the_wrong_shape_is_refused(name):
 def test_a_sweep_of_nothing_is_refused():
     with pytest.raises(ValueError, match="`values` is empty"):
         vx.sweep(SYSTEM, {})
+
+
+def test_a_list_of_machines_is_refused_by_name():
+    machine = vx.models.impact_oscillator(1.1, position=0.2)
+    with pytest.raises(ValueError, match="`system` must be one machine"):
+        vx.sweep([machine, machine], {"forcing.frequency": [1.0, 1.1]})
+
+
+def test_a_tuple_as_a_name_is_refused_by_name():
+    machine = vx.models.impact_oscillator(1.1, position=0.2)
+    with pytest.raises(ValueError, match="`values` must name each quantity by its path"):
+        vx.sweep(machine, {("forcing.frequency", "x0[0]"): [1.0, 1.1]})
+
+
+def test_machines_without_masses_and_friction_in_the_place_of_a_force_are_refused_by_name():
+    with pytest.raises(ValueError, match="`mass` must have shape"):
+        vx.ImpactSystem([], [], [])
+    with pytest.raises(ValueError, match=r"`friction=\[...\]`"):
+        vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [], [vx.Friction(0, 1.0)])

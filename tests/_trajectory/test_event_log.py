@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import vijax as vx
 from vijax._trajectory.event_log import _count_places, _flag_of_number, _in_order, _split
 
 
@@ -24,3 +25,14 @@ def test_lanes_of_times_are_ordered_like_by_a_stable_sort(size):
     events = np.broadcast_to(np.arange(size), times.shape)
     found = jax.jit(jax.vmap(_in_order))(jnp.asarray(times), jnp.asarray(events))
     np.testing.assert_array_equal(found, np.argsort(times, axis=1, kind="stable"))
+
+
+def test_a_log_grows_with_the_motion_unless_its_length_is_given():
+    machine = vx.models.impact_oscillator(1.1, position=0.2, damping_ratio=0.05, restitution=0.8)
+    span = 1500 * np.pi
+    long, cut = vx.simulate(machine, 0.0, span), vx.simulate(machine, 0.0, span, max_events=2000)
+    count = int(long.num_events)
+    assert count == long.events.t.shape[0] == cut.num_events > 1024
+    np.testing.assert_array_equal(long.events.t, cut.events.t[:count])
+    np.testing.assert_array_equal(long.evaluate(span - 1)[0], cut.evaluate(span - 1)[0])
+    assert vx.simulate(machine, 0.0, 9.0).events.t.shape == (1024,)

@@ -238,3 +238,10 @@ def test_the_command_runs_as_a_module_and_takes_forces_from_beside_the_file(tmp_
     assert (ds.result == 0).all()
     assert ds.x.dtype == np.float64
     assert float(ds.x[0, 0]) != float(ds.x[1, 0])
+
+
+def test_a_stop_is_refused_where_a_picture_is_of_all_stops(machine, dataset, capsys):
+    pytest.importorskip("h5netcdf")
+    dataset.to_netcdf("kept.nc", engine="h5netcdf")
+    assert main(["plot", "kept.nc", "--kind", "regions", "--out", "regions.png", "--stop", "0"]) != 0
+    assert "--stop 0: a picture `regions` is of all stops" in capsys.readouterr().err

@@ -16,11 +16,12 @@ from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._sweep.random_numbers import Rng, generator_of
 from .._sweep.short_names import with_names
+from .._sweep.zipped import START
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .coexisting import coexisting, lasting
 from .ensemble import Machines
-from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
+from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, is_beyond, listed_starts
 from .table import attractor_dataset, attributes_of, sorted_by_share
 
 
@@ -87,7 +88,7 @@ def attractors(
         error; `section_x`, `section_v` (..., section, mass), the states at phase 0 of a cycle, and many of others,
         padded with NaN.
         Along `start`, or the dimensions of the grid: `label`, the index of the attractor, -1 where the motion has not
-        settled or failed, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning reports the
+        settled or failed, or a start of the grid lies beyond a stop, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning reports the
         former, which a longer `transient` settles. The result is reproducible.
 
     Raises:
@@ -171,9 +172,16 @@ def requested_starts(
 
 def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     """The attractors to which starts lead."""
-    machines = machines.for_sweep_of(len(starts.states))
-    one = np.zeros(len(starts.states), int)
-    states = starts.states * machines.scale(one)
+    # Of a grid, starts beyond a stop are left out; a listed one is refused.
+    is_in = np.ones(len(starts.states), bool)
+    if START not in starts.axes:
+        is_in = ~is_beyond(machines.system, starts.states, rigid=True)
+    if not is_in.any():
+        raise ValueError("Every start of the grid lies beyond a stop: name values between the stops.")
+    own = starts.states[is_in]
+    machines = machines.for_sweep_of(len(own))
+    one = np.zeros(len(own), int)
+    states = own * machines.scale(one)
     ds = machines.run(states, one, machines.transient, machines.record, progress=progress)
     warn_of_endings(ds, "max_steps_reached", "non_finite")
     ends = machines.ends(ds, one)
@@ -183,8 +191,11 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     table = attractor_dataset(machines, motions, labels, ends.is_failed)
     warn_of_unsettled(int(table["num_not_settled"]), len(labels), machines.transient)
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
-    of_starts = {"label": labels, "is_failed": ends.is_failed}
-    columns = {name: (dims, a.reshape(shape), variable_attributes(name)) for name, a in of_starts.items()}
+    columns = {}
+    for name, a, unknown in (("label", labels, -1), ("is_failed", ends.is_failed, False)):
+        whole = np.full(len(is_in), unknown, a.dtype)
+        whole[is_in] = a
+        columns[name] = (dims, whole.reshape(shape), variable_attributes(name))
     table = table.assign(columns)
     coordinates = {path: (path, a) for path, a in starts.axes.items()} | {"stop_mass": ds["stop_mass"]}
     table = table.assign_coords(coordinates).assign_attrs(attributes_of(ds))

@@ -127,11 +127,15 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     return np.concatenate([box, 2 * speed * np.array([[-1.0], [1.0]]) * np.ones(n)], axis=1).T
 
 
-def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
-    """True where states at phase 0, (points, 2 n), lie beyond a stop of a machine, or of one each, lanes last."""
+def is_beyond(system: ImpactSystem, states: np.ndarray, *, rigid: bool = False) -> np.ndarray:
+    """True where states at phase 0, (points, 2 n), lie beyond a stop of a machine, or of one each, lanes last.
+
+    A mass may move beyond a compliant stop: these do not count if only `rigid` ones do.
+    """
     x, beyond = states[:, : system.num_masses].T, np.zeros(len(states), bool)
     for stop in system.stops:
-        beyond |= np.asarray(is_past(stop, x, 0.0))
+        if not (rigid and stop.is_compliant):
+            beyond |= np.asarray(is_past(stop, x, 0.0))
     return beyond
 
 

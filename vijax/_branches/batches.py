@@ -7,20 +7,17 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .._jax.packing import Layout, Packed, pack
+from .._jax.packing import Packed, pack
 from .._jax.xla import jit_for_lanes, jit_lightly
 from .kernels import ROOM_OF_SIMULATION
 from .parameter_family import Family
 from .step_kernel import first_corrections, take_steps
 
-# `_WORTH_IT`: fewest branches for which kernels are compiled for `BATCHES`.
-# `_CHEAPER`: fewest branches for which these are taken once they are compiled. All branches of a batch wait for the slowest:
-# of branches that differ, pairs take a tenth of the time.
+# `_WORTH_IT`: fewest branches of one call for which kernels are compiled for `BATCHES`.
+# `_CHEAPER`: fewest of them that wait for a kernel for which these are taken. All branches of a batch wait for the slowest: of
+# branches that differ, pairs take a tenth of the time.
+# What earlier calls have compiled must not count: the two forms differ in the last bits.
 _WORTH_IT, _CHEAPER = 512, 32
-
-# Kernels, with the layout of families and the padded number of events of steps, for which the larger batches were compiled
-# in this process.
-_made: set[tuple] = set()
 
 
 class Stock:
@@ -31,6 +28,10 @@ class Stock:
         self.rows = pack(stacked(list(own.values())), has_rows=True)
         rows = {one: row for row, one in enumerate(own)}
         self.place = {k: rows[id(family)] for k, family in families.items()}
+
+    def form(self, num: int) -> "Form":
+        """Form in which a kernel is called for so many of the tasks."""
+        return BATCHES if len(self.place) >= _WORTH_IT and num >= _CHEAPER else PAIRS
 
     def of(self, tasks: Many[int]) -> Packed:
         """Families of some tasks."""
@@ -55,22 +56,10 @@ def stacked(trees: list) -> Any:
     return jax.tree.map(lambda *a: np.stack(a), *trees)
 
 
-def form_of_steps(families: Layout, room: int, num: int) -> Form:
-    """Form of `take_steps` for a number of requests for cycles with a padded number of events."""
-    return _form_of((take_steps, families, room), num)
-
-
-def _form_of(kernel: tuple, num: int) -> Form:
-    if num < (_CHEAPER if kernel in _made else _WORTH_IT):
-        return PAIRS
-    _made.add(kernel)
-    return BATCHES
-
-
-def call(program: Callable, families: Packed, rows: Any) -> Packed:
-    """Packed results of a kernel for rows of families and of its other arguments, computed batch by batch."""
-    size = _form_of((program, families.layout), len(families.reals)).size
-    return in_parts(_compiled(program), size, families, pack(rows, has_rows=True))[0]
+def call(program: Callable, stock: Stock, tasks: Many[int], rows: Any) -> dict[int, Any]:
+    """Results of a kernel for some tasks and the rows of its other arguments, computed batch by batch."""
+    run, size = _compiled(program), stock.form(len(tasks)).size
+    return answers(tasks, in_parts(run, size, stock.of(tasks), pack(rows, has_rows=True))[0])
 
 
 def answers(tasks: Many[int], found: Packed) -> dict[int, Any]:

@@ -115,9 +115,12 @@ def _attributes(name: str) -> dict[str, str]:
     """Attributes of a quantity, whose sweep has recorded the cycle."""
     found = variable_attributes(name)
     words = found.get("long_name", "").replace(" in the recorded periods", " in the cycle")
-    return found | (
-        {"long_name": words.replace(" over the recorded periods", " over the cycle")} if words else {}
-    )
+    for whole in (
+        " over the recorded periods",
+        " from the end of the first recorded period to that of the last",
+    ):
+        words = words.replace(whole, " over the cycle")
+    return found | ({"long_name": words} if words else {})
 
 
 def run_of_cycle(

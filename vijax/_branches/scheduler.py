@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Sequence as Many
 from typing import Any
 
-from .batches import Stock, answers, call, makes_of, stacked
+from .batches import Stock, call, makes_of, stacked
 from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, KernelCall, padded, room_for, simulate_motion
 from .parameter_family import Family
 from .point import TooManyEvents
@@ -83,4 +83,4 @@ class _Calls:
         now, self.waiting = self.waiting, []
         tasks = [task for task, _ in now]
         rows = [padded(request.sequence, request.arguments, self.room) for _, request in now]
-        return answers(tasks, call(self.program, self.stock.of(tasks), stacked(rows)))
+        return call(self.program, self.stock, tasks, stacked(rows))

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._jax.packing import Packed, pack
 from .._orbits.sequence import Sequence
-from .batches import PAIRS, Stock, answers, call, compiled_steps, form_of_steps, in_parts, joined, stacked
+from .batches import PAIRS, Stock, call, compiled_steps, in_parts, joined, stacked
 from .kernels import (
     ROOM_OF_SIMULATION,
     CorrectedCycle,
@@ -50,7 +50,7 @@ class StepBatch:
     def answer(self) -> dict[int, Any]:
         """Answer all requests: plain steps are taken up to the first one that is not plain, or a few of them."""
         num = len(self)
-        form = form_of_steps(self.stock.rows.layout, self.room, num)
+        form = self.stock.form(num)
         replies = {} if form is PAIRS else self._simulated()
         state = self._joined()
         if state is None:
@@ -76,7 +76,7 @@ class StepBatch:
         room = max(self.room, ROOM_OF_SIMULATION)
         rows = [padded(request.sequence, request.arguments, room) for _, request in own]
         tasks = [task for task, _ in own]
-        return answers(tasks, call(simulate_motion, self.stock.of(tasks), stacked(rows))) if own else {}
+        return call(simulate_motion, self.stock, tasks, stacked(rows)) if own else {}
 
     def _joined(self) -> "_Rows | None":
         """Requests of all branches, those of the new ones last; None if there are none."""

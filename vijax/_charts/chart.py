@@ -5,6 +5,7 @@ are halved down to the spacing of the requested grid; the others are filled from
 A region or tongue thinner than the coarse grid may be missed where it contains none of its points.
 """
 
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -151,6 +152,12 @@ def chart(
     ds = refined(axes, stride, run, _KIND if plan.starts is None else (*_KIND, "num_attractors"))
     whole = xr.Dataset({"result": (START, np.concatenate(results))}, attrs={"max_impacts": room})
     warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite")
+    unsettled = int((ds["motion"] == MOTIONS.index("not_settled")).sum())
+    if unsettled:
+        warnings.warn(
+            f"{unsettled} of {ds['motion'].size} points have not settled: increase `transient`, now {one.transient}.",
+            stacklevel=2,
+        )
     return with_names(ds, names)
 
 

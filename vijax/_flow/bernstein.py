@@ -38,6 +38,14 @@ def from_nodes(degree: int) -> np.ndarray:
     return np.linalg.inv(np.array([comb(degree, i) for i in k]) * x**k * (1 - x) ** (degree - k))
 
 
+@cache
+def slopes_at_nodes(degree: int) -> np.ndarray:
+    """Matrix from values at the nodes to derivatives there."""
+    powers = np.polynomial.chebyshev.chebvander(2 * nodes(degree) - 1, degree)
+    slopes = np.polynomial.chebyshev.chebder(np.eye(degree + 1))  # of each polynomial, by columns
+    return 2 * np.polynomial.chebyshev.chebval(2 * nodes(degree) - 1, slopes).T @ np.linalg.inv(powers)
+
+
 def bernstein(values: Float[Array, " nodes"]) -> list[Scalar]:
     """Bernstein coefficients of the polynomial through values at the nodes.
 

@@ -12,7 +12,7 @@ inside the step.
 """
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import diffrax
@@ -22,22 +22,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .._jax.arrays import Scalar, as_float
+from .._jax.arrays import Scalar, add_up, as_float
 from .._jax.xla import compute_once
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State, with_memory
 from .approximate_step import Attempt, SteppingFlow, longest_step
-from .bernstein import nodes
+from .bernstein import nodes, slopes_at_nodes
 from .event_margins import StepInterior, phase_change
 from .exact_step import state_after_step
 from .explicit_step import explicit_step
 
 # Gains of positions and velocities, and integrals of the pulls.
 _Gains = tuple[Array, Array, Array | None]
+# Gains at the end of a step, their errors, and the gains inside.
+_Step = tuple[_Gains, _Gains, _Gains]
 
 # Bound on the trials of a flow map: only a diverged guess needs more, and nothing else should wait for it.
 _MOST_TRIALS = 10_000
+# Share of the contradiction between force and polynomial that counts as an error. The polynomial is less accurate than
+# the end of a step: in smooth motion this stays far below the error itself, in a wall it is far above.
+_SHARE = 1e-5
 # Range of degrees of dense outputs; those of diffrax go from 3 to 6.
 _LEAST, _MOST = 3, 8
 # Default rtol and atol.
@@ -126,22 +131,31 @@ class DiffraxFlow(SteppingFlow):
 
     def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
         """Try one step."""
-        return self._judged(state, hold, step, machine, self._step(machine, state, hold, step, "lax"))
+        take = partial(self._step, hold=hold, step=step, loop="lax")
+        return self._judged(machine, state, hold, step, *_with_neighbour(take, machine, state))
 
     def _judged(
-        self, state: State, hold: Held, step: Scalar, machine: Machine, found: tuple[_Gains, _Gains, _Gains]
+        self, machine: Machine, state: State, hold: Held, step: Scalar, found: _Step, neighbour: _Step
     ) -> Attempt:
-        """Attempt from a computed step, accepted or rejected by the controller."""
+        """Attempt from a computed step and its derivative, accepted or rejected by the controller.
+
+        The controller holds three errors against its tolerances: of the step; of a neighbouring motion relative to this
+        one, which is all there is at rest; and the contradiction between the force and the polynomial. An explicit
+        method does not see a stiff wall into which its first stages fall, and which throws the later ones out again.
+        """
         (displacement, gain, _), error, inside = found
-        zero = jnp.zeros_like(step)
         # The gain of a held mass is not part of the motion.
-        error = (error[0], machine.contacts.gain_with_hold(error[1], hold))
-        start = (state.x, state.v)
-        after = (state.x + displacement, state.v + machine.contacts.gain_with_hold(gain, hold))
+        moving = lambda gains: (gains[0], machine.contacts.gain_with_hold(gains[1], hold))  # noqa: E731
+        defect = _SHARE * contradiction(machine, state, hold, step, StepInterior(*inside))
+        start = (state.x, state.v, *_neighbour_of(state), state.v)
+        gains = (*moving(found[0]), *moving(neighbour[0]), moving(found[0])[1])
+        errors = (*moving(error), *moving(neighbour[1]), moving((defect, defect))[1])
+        after = tuple(a + b for a, b in zip(start, gains, strict=True))
+        zero = jnp.zeros_like(step)
         keep, begin, stop, _, control, _ = self._controller(step.dtype).adapt_step_size(
-            zero, step, start, after, None, error, self._error_order(), state.memory.control
+            zero, step, start, after, None, errors, self._error_order(), state.memory.control
         )
-        numbers = jnp.concatenate([*after, *error])
+        numbers = jnp.concatenate([*after, *errors])
         is_finite = jnp.all(jnp.isfinite(numbers))
         following = jnp.where(is_finite, stop - begin, step / 4)
         control = jax.tree.map(lambda a, old: jnp.asarray(a, old.dtype), control, state.memory.control)
@@ -167,7 +181,9 @@ class DiffraxFlow(SteppingFlow):
         def one(state: _FlowMapState) -> _FlowMapState:
             here, is_last = state.state, jnp.abs(state.left) <= state.step
             step = jnp.where(is_last, state.left, jnp.copysign(state.step, state.left))
-            attempt = self._judged(here, hold, step, machine, _by_diffrax(solver, machine, here, hold, step))
+            take = partial(_by_diffrax, solver, hold=hold, step=step)
+            neighbour = still(_with_neighbour(take, *still((machine, here)))[1])
+            attempt = self._judged(machine, here, hold, step, take(machine, here), neighbour)
             gain = machine.contacts.gain_with_hold(attempt.gain, hold)
             phase = phase_change(machine, here.phase, step)
             moved = state_after_step(machine, here, attempt.displacement, here.v + gain, phase, step)
@@ -242,9 +258,7 @@ class DiffraxFlow(SteppingFlow):
     def _error_order(self) -> Any:
         return self.solver.error_order(diffrax.ODETerm(_field))
 
-    def _step(
-        self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str
-    ) -> tuple[_Gains, _Gains, _Gains]:
+    def _step(self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str) -> _Step:
         """Gains of positions, velocities and pushes, their errors, and the gains at the nodes of `bernstein.py`."""
         if self._is_written_out:
             field = lambda time, gains: compute_once(_field, time, gains, (machine, state, hold))  # noqa: E731
@@ -252,6 +266,45 @@ class DiffraxFlow(SteppingFlow):
             end, error, inside = explicit_step(self.solver, field, nothing, step, degree_inside(self.solver))
             return end, error, jax.tree.map(lambda *a: jnp.stack(a), *inside)
         return _by_diffrax(_with_loop(self.solver, loop), machine, state, hold, step)
+
+
+def _neighbour_of(state: State) -> tuple[Array, Array]:
+    """Neighbouring motion at the start of a step: distances, and relative velocities in units of the machine's rate.
+
+    All are one, with signs in no order, so that it is in no symmetric mode.
+    """
+    signs = np.where(np.cumsum(np.arange(2 * len(state.x)) ** 2 % 7) % 2, 1.0, -1.0)
+    x, v = (jnp.asarray(part, state.x.dtype) for part in np.split(signs, 2))
+    return x, v
+
+
+def _with_neighbour(
+    take: Callable[[Machine, State], _Step], machine: Machine, state: State
+) -> tuple[_Step, _Step]:
+    """A step, and that of a neighbouring motion relative to it, with velocities in units of the machine's rate."""
+
+    def of(x: Array, v: Array) -> _Step:
+        return take(machine, eqx.tree_at(lambda s: (s.x, s.v), state, (x, v)))
+
+    x, v = _neighbour_of(state)
+    found, beside = jax.jvp(of, (state.x, state.v), (x, machine.rate * v))
+    scaled = lambda gains: (gains[0], machine.timescale * gains[1], gains[2])  # noqa: E731
+    return found, (scaled(beside[0]), scaled(beside[1]), beside[2])
+
+
+def contradiction(
+    machine: Machine, state: State, hold: Held, step: Scalar, inside: StepInterior
+) -> Float[Array, " n"]:
+    """Largest difference between the gain of velocity that the force would give in a step and the slope of the polynomial."""
+    degree = len(inside.gain) - 1
+    force_at = lambda time, x, v: _field(time, (x, v, None), (machine, state, hold))[1]  # noqa: E731
+    times = step * jnp.asarray(nodes(degree), step.dtype)
+    forces = compute_once(jax.vmap(force_at), times, inside.displacement, inside.gain)
+    slopes = [
+        add_up([float(w) * gain for w, gain in zip(row, inside.gain, strict=True)])
+        for row in slopes_at_nodes(degree)
+    ]
+    return jnp.max(jnp.abs(step * forces - jnp.stack(slopes)), axis=0)
 
 
 def _with_loop(solver: Any, kind: str) -> Any:
@@ -264,9 +317,7 @@ def _nothing_gained(machine: Machine, state: State) -> _Gains:
     return jnp.zeros_like(state.x), jnp.zeros_like(state.v), pushes
 
 
-def _by_diffrax(
-    solver: Any, machine: Machine, state: State, hold: Held, step: Scalar
-) -> tuple[_Gains, _Gains, _Gains]:
+def _by_diffrax(solver: Any, machine: Machine, state: State, hold: Held, step: Scalar) -> _Step:
     """Results of `DiffraxFlow._step` by the `step` of diffrax."""
     nothing, args, zero = _nothing_gained(machine, state), (machine, state, hold), jnp.zeros_like(step)
     term = diffrax.ODETerm(_field)

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import contact_forces, derivatives, rates
-from .._machine.machine import Machine, state_before_contact
+from .._machine.machine import Machine, moving_with, state_before_contact
 from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
 from .complementarity import solve_complementarity
@@ -48,7 +48,7 @@ def first_state(
 ) -> State:
     """State at t0. Contacts hit at t0 are hit by the first step."""
     contacts = machine.contacts
-    x, v = machine.relative_to_stops(phase, x, v)
+    x, v = given = machine.relative_to_stops(phase, x, v)
     phase_rate = machine.phase_rate(phase)
     position, speed = contacts.rounded(t0)
     # Values converted to the coordinates of the machine carry the rounding of a product.
@@ -64,7 +64,7 @@ def first_state(
     gap = jnp.where(touching, 0, state.gap)
     state = eqx.tree_at(lambda s: (s.gap, s.contact), state, (gap, contact))
     if not machine.can_stick:
-        return state
+        return moving_with(machine, state, *given)
     closed, contact = _holding_after_jump(machine, state, at_rest, contact, jnp.any(at_rest, axis=0))
     hold = contacts.hold(closed)
     force, *later = contact_forces(machine, state, hold, derivatives(machine, state, hold))
@@ -72,7 +72,8 @@ def first_state(
     contact = jnp.where(closed & ~held, jnp.int8(3), contact)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
     held, contact = _holding_after_release(machine, state, closed & ~held, held, contact)
-    return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
+    state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
+    return moving_with(machine, state, *given)
 
 
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:

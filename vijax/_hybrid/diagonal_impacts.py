@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import derivatives, rates
-from .._machine.machine import Machine, state_before_contact
+from .._machine.machine import Machine, moving_with, state_before_contact
 from .._machine.state import State
 from .._system.checks import is_touching
 from .law import rebound
@@ -27,8 +27,11 @@ def first_state(
     v: Float[Array, "n ..."],
     t0: Scalar | float = 0.0,
 ) -> State:
-    """State at t0. A mass on its stop moves in (the first step hits it), moves out, or rests, pressed or pulled."""
-    x, v = machine.relative_to_stops(phase, x, v)
+    """State at t0. A mass on its stop moves in (the first step hits it), moves out, or rests, pressed or pulled.
+
+    Only a mass that is held stays on its stop: the others move with the start that the derivatives vary.
+    """
+    x, v = given = machine.relative_to_stops(phase, x, v)
     reach, speed = _rounding_sizes(machine, t0)
     touching = is_touching(machine.contacts.gaps(x, phase), reach)
     x = machine.contacts.with_closed_gaps(x, touching, phase)
@@ -40,12 +43,12 @@ def first_state(
     leaving, at_rest = touching & (inward < 0), touching & (inward == 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     if not machine.can_stick:
-        return eqx.tree_at(lambda s: s.contact, state, contact)
+        return moving_with(machine, eqx.tree_at(lambda s: s.contact, state, contact), *given)
     now = derivatives(machine, state, machine.contacts.hold(at_rest))
     force, *later = map(machine.contacts.along, (now.force, now.force_rate, now.force_curvature))
     held = at_rest & is_pressed(force, tuple(later))
     contact = jnp.where(at_rest & ~held, jnp.where(force < 0, jnp.int8(2), jnp.int8(3)), contact)
-    return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
+    return moving_with(machine, eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact)), *given)
 
 
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar, matvec
+from .._jax.arrays import Scalar, matvec, with_derivative_of
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
 from .._machine.state import FROZEN, Mode, State, laws_as_numbers
@@ -39,16 +39,16 @@ def first_state(
     position, speed_size = contacts.rounded(t0)
     gaps = contacts.gaps(x, phase)
     touching = ~friction & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
-    x = contacts.with_closed_gaps(x, touching, phase)
+    x = with_derivative_of(contacts.with_closed_gaps(x, touching, phase), x)
     speeds = contacts.speeds(v, machine.phase_rate(phase))
     size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)
     # Where masses rest, their velocities are rounding errors of those that the machine has elsewhere.
     state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     usual = usual_speeds(machine, state) + jnp.where(friction, machine.rate * contacts.size(jnp.abs(x)), 0)
     at_rest = (touching | friction) & is_touching(speeds, 4 * (size + usual))
-    v = contacts.without_speeds(v, at_rest, phase)
+    v = with_derivative_of(contacts.without_speeds(v, at_rest, phase), v)
     state = eqx.tree_at(lambda s: s.v, state, v)
-    gap, speeds = jnp.where(touching, 0, state.gap), jnp.where(at_rest, 0, speeds)
+    gap, speeds = with_derivative_of(jnp.where(touching, 0, state.gap), gaps), jnp.where(at_rest, 0, speeds)
     past = compliant & ((gap < 0) | (touching & (speeds > 0)))
     closed = past & (_spring_force(machine, gap, speeds) > 0) | (past & touching)
     direction = jnp.where(friction & ~at_rest, jnp.sign(speeds), 0).astype(jnp.int8)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes
+from .._jax.arrays import Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes, with_derivative_of
 from .._system.waves import Waves, phase_at, phase_rate
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
@@ -210,6 +210,25 @@ def state_before_contact(
         contact=jnp.zeros(gap.shape, jnp.int8),
         mode=idle_mode(gap) if machine.contacts.is_switching else None,
     )
+
+
+def moving_with(machine: Machine, state: State, x: Float[Array, "n ..."], v: Float[Array, "n ..."]) -> State:
+    """First state that moves with the given start, except where contacts hold."""
+    contacts, phase, held = machine.contacts, state.phase, state.held | state.is_kept_closed
+    x = contacts.with_closed_gaps(x, held, phase)
+    v = contacts.with_zero_approach(v, held, machine.phase_rate(phase))
+    gap = jnp.where(held, 0, contacts.gaps(x, phase))
+    same = (with_derivative_of(*pair) for pair in ((state.x, x), (state.v, v), (state.gap, gap)))
+    return eqx.tree_at(lambda s: (s.x, s.v, s.gap), state, tuple(same))
+
+
+def moving_on_contacts(machine: Machine, state: State) -> State:
+    """First state that stays on the contacts where it starts, whatever start the derivatives vary."""
+    contacts, phase = machine.contacts, state.phase
+    closed = (state.gap == 0) & contacts.is_rigid
+    x = with_derivative_of(state.x, contacts.with_closed_gaps(state.x, closed, phase))
+    gap = with_derivative_of(state.gap, jnp.where(closed, 0, contacts.gaps(x, phase)))
+    return eqx.tree_at(lambda s: (s.x, s.gap), state, (x, gap))
 
 
 def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."]]:

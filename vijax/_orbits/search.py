@@ -5,7 +5,9 @@ equations of that sequence (`candidate_cycle.py`) goes to the cycle of the seque
 grazing. Its first step alone is the Newton step of the stroboscopic map. The cycle is tried first, as its basin is far
 wider. It is an orbit once a run from it shows the same events. If that run does not, and comes no nearer to closing,
 the single step is taken, halved until the run comes nearer. If that fails down to `_LEAST`, as among the grazing
-impacts of a chatter, the motion is followed for another n periods, and the search starts again at their end.
+impacts of a chatter, the motion is followed for another n periods, and the search starts again at their end. Where this
+brings it no nearer to closing, the motion has settled on an orbit of more periods, and the search starts again in the middle
+between the start of a run and its end: a doubled orbit lies on both sides of the one that it came from.
 """
 
 from typing import NamedTuple
@@ -41,6 +43,7 @@ from .sequence import (
 
 MAX_RUNS = 40  # runs of a search
 _LEAST = 0.05  # smallest fraction of a step that is tried
+_SETTLES = 0.9  # largest ratio of the closing errors of two starts of a motion that settles
 # `_CLOSE`: largest closing error of a closed run, relative to the size of the motion.
 # `_STILL`: largest distance from a cycle of the start of a run on it, likewise relative.
 _CLOSE, _STILL = 1e-9, 1e-12
@@ -56,6 +59,10 @@ class Search(eqx.Module):
         end: end of the run from the base, (2 n,).
         factor: fraction of the step to try next, 0 if nothing is left to try.
         closing: closing error of the run from the base.
+        origin: start of the first run since the search began, or began again.
+        arrival: end of that run.
+        opening: its closing error.
+        settled: that of the time before, from which the motion was followed; else infinite.
         cycle: the last cycle found.
         has_cycle: true if there is one.
         is_orbit: true if the machine follows it.
@@ -69,6 +76,10 @@ class Search(eqx.Module):
     end: Float[Array, " state"]
     factor: Scalar
     closing: Scalar
+    origin: Float[Array, " state"]
+    arrival: Float[Array, " state"]
+    opening: Scalar
+    settled: Scalar
     cycle: Cycle
     has_cycle: Bool[Array, ""]
     is_orbit: Bool[Array, ""]
@@ -92,8 +103,24 @@ def begin_search(guess: Float[Array, " state"], num_stops: int, room: int, *, is
         guess + 0j,
         zero + jnp.inf,
     )
-    start, still = (guess, guess), (jnp.zeros_like(guess), guess)
-    return Search(*start, *still, zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
+    never = zero + jnp.inf
+    return Search(
+        trial=guess,
+        base=guess,
+        step=jnp.zeros_like(guess),
+        end=guess,
+        factor=zero + 1,
+        closing=never,
+        origin=guess,
+        arrival=guess,
+        opening=never,
+        settled=never,
+        cycle=cycle,
+        has_cycle=no,
+        is_orbit=no,
+        is_full=no,
+        num_runs=jnp.array(0),
+    )
 
 
 def with_room(search: Search, room: int) -> Search:
@@ -235,7 +262,12 @@ def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
     base, step, end = (jnp.where(is_nearer, *pair) for pair in known)
     factor = jnp.where(is_nearer, 1.0, search.factor)
     is_stuck, is_lost = factor < _LEAST, ~is_nearer & jnp.isinf(search.closing)
-    trial = jnp.where(is_found, entry - away, jnp.where(is_stuck, end, base + factor * step))
+    is_first = jnp.isinf(search.closing) & is_nearer
+    known = (search.trial, search.origin), (run.end, search.arrival), (closing, search.opening)
+    origin, arrival, opening = (jnp.where(is_first, *pair) for pair in known)
+    settles = opening < _SETTLES * search.settled
+    afresh = jnp.where(settles, arrival, (origin + arrival) / 2)
+    trial = jnp.where(is_found, entry - away, jnp.where(is_stuck, afresh, base + factor * step))
     following = Search(
         trial=_onto_stops(problem, trial + away) - away,
         base=base,
@@ -243,6 +275,10 @@ def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
         end=end,
         factor=jnp.where(is_found | is_stuck, 1.0, jnp.where(is_lost, 0.0, factor / 2)),
         closing=jnp.where(is_stuck, jnp.inf, jnp.where(is_nearer, closing, search.closing)),
+        origin=origin,
+        arrival=arrival,
+        opening=opening,
+        settled=jnp.where(is_stuck & ~is_found, jnp.where(settles, opening, jnp.inf), search.settled),
         cycle=jax.tree.map(lambda a, b: jnp.where(is_found, a, b), cycle, search.cycle),
         has_cycle=search.has_cycle | is_found,
         is_orbit=is_orbit,

@@ -14,8 +14,9 @@ from .._jax.arrays import Count, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._progress import tqdm
-from .._sections.classify import MOTIONS, classify
+from .._sections.classify import MOTIONS, classified
 from .._sections.record import dims_of, flattened_points, labelled
+from .._sweep.outcomes import warn_of_endings
 from .._sweep.provenance import machines_of
 from .._system.system import ImpactSystem
 from .many import Orbits, lanes_first, search_many
@@ -62,7 +63,8 @@ def periodic_orbits(
     refuse_single_precision("periodic_orbits", ds.get("x"))
     room = whole_number("max_events", max_events, 1)
     workers = None if executor is None else as_executor(executor)
-    kinds = classify(ds)
+    warn_of_endings(ds, "max_impacts_reached")
+    kinds = classified(ds, None, None, None)
     num_periods = flattened_points(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flattened_points(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
     states = np.concatenate([flattened_points(ds, ds[name], "mass") for name in ("x", "v")], axis=1)

@@ -1,7 +1,8 @@
 """Kind of motion: number of impacts in a number of forcing periods, or no repetition."""
 
 import math
-from typing import Final, NamedTuple
+import warnings
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -77,7 +78,8 @@ def classify(
         `contraction`, the factor by which it falls from period to period, NaN if unknown. Where the motion does not
         repeat, both are those of the n with the least error; where the machine decides, `contraction` is the exact
         factor of its slowest mode, exp(T max Re lambda).
-        Values for n periods are NaN if there is no n. Counts are NaN if the log was cut, with a warning.
+        Values for n periods are NaN if there is no n. Counts are NaN if the log was cut, with a warning. Another warning counts
+        the motions that have not settled.
 
     Raises:
         ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is not positive.
@@ -95,7 +97,27 @@ def classify(
     """
     if isinstance(source, xr.Dataset):
         warn_of_endings(source, "max_impacts_reached")
-    return classified(source, tolerance, double_impact_within, last)
+    found = classified(source, tolerance, double_impact_within, last)
+    _warn_of_unsettled(found, _tolerance(found["recurrence_error"], tolerance))
+    return found
+
+
+def _tolerance(like: Any, tolerance: float | None) -> float:
+    return TOLERANCES[like.dtype.itemsize] if tolerance is None else tolerance
+
+
+def _warn_of_unsettled(found: xr.Dataset, tolerance: float) -> None:
+    """Warn of the motions that have not settled, with the time that they still take as far as it is known."""
+    is_so = found["motion"].values == MOTIONS.index("not_settled")
+    if not is_so.any():
+        return
+    error, factor = (found[name].values[is_so] for name in ("recurrence_error", "contraction"))
+    falls = (factor > 0) & (factor < 1) & (error > tolerance)
+    time = "Run on for longer."
+    if falls.any():
+        periods = np.max(np.log(error[falls] / tolerance) / -np.log(factor[falls]))
+        time = f"Run on for about {np.ceil(periods):.0f} forcing periods more, by `transient` or `t1`."
+    warnings.warn(f"{is_so.sum()} of {is_so.size} motions have not settled. {time}", stacklevel=3)
 
 
 def classified(
@@ -106,7 +128,7 @@ def classified(
 ) -> xr.Dataset:
     """As `classify`, without a warning."""
     section, last = _section(source, last)
-    tolerance = TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
+    tolerance = _tolerance(section.v, tolerance)
     for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):
         if value is not None and not value > 0:
             raise ValueError(f"Argument `{name}` must be positive, but is {value}.")

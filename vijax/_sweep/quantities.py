@@ -82,9 +82,11 @@ def checked_quantities(wanted: Sequence[str], system: ImpactSystem, counts: Coun
 
 
 def _check_impacts(name: str, system: ImpactSystem, counts: Counts) -> None:
-    if system.has_full_mass or not all(isinstance(stop, Stop) for stop in system.stops):
+    rigid = [stop for stop in system.stops if not stop.is_compliant]
+    is_other = not all(isinstance(stop, Stop) for stop in rigid) or (bool(system.stops) and not rigid)
+    if system.has_full_mass or is_other:
         raise ValueError(
-            f'The quantity "{name}" follows from the recorded impacts if every stop is a `vx.Stop` and `mass` has shape (n,), '
+            f'The quantity "{name}" follows from the recorded impacts if every rigid stop is a `vx.Stop` and `mass` has shape (n,), '
             "which this machine does not fulfil: add up `sol.events.impulse` of `vx.simulate` instead."
         )
     if counts.max_impacts == 0:
@@ -165,6 +167,9 @@ def _summed(of_impact: Callable[[_Impact], np.ndarray], recorded: _Recorded) -> 
     x = tables["section_x"]
     found = np.zeros((num_points, num_periods, num_stops), x.dtype)
     for j in range(num_stops):
+        if system.stops[j].is_compliant:  # a force without impacts
+            found[..., j] = np.nan
+            continue
         point, column = np.nonzero(stops == j)
         value = of_impact(_impacts_at(recorded, j, point, column))
         number = np.floor(tables["impact_time"][point, column] / period[point, 0]).astype(int)

@@ -47,6 +47,11 @@ def without_names(
     found: dict[str, Numbers] = {}
     names: dict[str, str] = {}
     for name, given in values.items():
+        if not isinstance(name, str):
+            raise ValueError(
+                f"Argument `values` must name each quantity by its path, as 'forcing.frequency', but has {name!r}: give each a "
+                "path and values of its own; quantities that vary together are one `vx.sweep` for each."
+            )
         path, numbers = name, given
         if isinstance(given, tuple) and given and isinstance(given[0], str):
             path, numbers = _pair(name, given)

@@ -92,7 +92,16 @@ class ImpactSystem(eqx.Module):
         self.mass = as_float(mass, "mass")
         self.damping = as_float(damping, "damping")
         self.stiffness = as_float(stiffness, "stiffness")
+        if not self.mass.size:
+            raise ValueError(
+                f"Argument `mass` must have shape (n,) or (n, n), but has shape {self.mass.shape}."
+            )
         forcing = Harmonic(np.zeros(self.mass.shape[:1]), 0.0) if forcing is None else forcing
+        if isinstance(force, list | tuple):
+            raise ValueError(
+                f"Argument `force`, behind `stops`, must be a function force(t, x, v, args), but is {force!r}: give friction by "
+                "its name, `friction=[...]`."
+            )
         _check_parts(forcing, stops, friction)
         self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
         self.force = as_force(force)
@@ -277,6 +286,11 @@ def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
 
     For the force see `bind_args`. Frequencies that stops were given after the machine was built are removed.
     """
+    if not isinstance(system, ImpactSystem):
+        raise ValueError(
+            f"Argument `system` must be one machine, a `vx.ImpactSystem`, but is a {type(system).__name__}: call this for each "
+            "machine, or sweep the numbers in which they differ."
+        )
     system = in_full_precision(system)
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
         same = _of_one_frequency(system.forcing, system.stops)

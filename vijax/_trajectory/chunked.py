@@ -16,6 +16,9 @@ from .loop import LoopArguments
 from .one_call import EVENTS, GOALS, STEPS, CallProgress, Found, KnownMachine, call, pack_request
 from .solution import Solution
 
+# Events of a log whose length is left to the motion.
+MOST_EVENTS = 1 << 20
+
 Rows = TypeVar("Rows", EventLog, Restarts)
 
 
@@ -28,7 +31,7 @@ def follow_known(known: KnownMachine, request: LoopArguments) -> Solution:
         window = _window(request, num_reached)
         found = call(known, pack_request(window), left)
         left, is_done = found.left, not np.asarray(found.is_paused)
-        if is_done and not calls and len(ts) == 1 and request.max_events == EVENTS:
+        if is_done and not calls and len(ts) == 1 and request.max_events in (EVENTS, MOST_EVENTS):
             return found.solution
         taken = _taken(found, left.in_numpy().unpacked(), int(window.num_goals))
         num_reached += len(taken.xs)
@@ -84,6 +87,8 @@ def _joined(solution: Solution, ts: np.ndarray, calls: list[_Taken], max_events:
         _concatenated([getattr(call, name) for call in calls]) for name in ("events", "restarts")
     )
     # A stick has the time at which its chatter ends; events of a later call may come before it.
+    if max_events == MOST_EVENTS:
+        max_events = min(max(EVENTS, len(events.t)), MOST_EVENTS)
     order = np.argsort(events.t, kind="stable")[:max_events]
     events = jax.tree.map(
         lambda a: _filled(a[order], max_events, -1 if a.dtype.kind == "i" else np.nan), events

@@ -14,7 +14,14 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import AbstractTask, differentiable, while_any
-from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
+from .._machine.machine import (
+    AUTOMATIC_MAX_STEPS,
+    Machine,
+    default_max_steps,
+    in_periods,
+    moving_on_contacts,
+    prepare,
+)
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
 from .loop import is_finite
@@ -142,7 +149,8 @@ def _begin(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest) -
     machine = prepare(numbers, jnp.where(span > 0, span, 1), (w.t0, w.x0, w.v0), can_stick=True)
     flow = flow.prepare(machine)
     phase0 = machine.phase_at(w.t0)
-    first = initial_state(flow, machine, phase0, w.x0, w.v0, w.t0)
+    # The map from impact to impact has its states on the stop.
+    first = moving_on_contacts(machine, initial_state(flow, machine, phase0, w.x0, w.v0, w.t0))
     last_period, last_time = in_periods(machine, span)
     task = _Task(
         flow=flow,

@@ -18,9 +18,10 @@ from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import numbers_of
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
-from .chunked import follow_known
+from .chunked import MOST_EVENTS, follow_known
 from .concrete_machine import known_machine, remembered
 from .loop import UNLIMITED_STEPS, Choices, LoopArguments
+from .one_call import EVENTS
 from .single_call import run_single_call
 from .solution import RESULTS, Solution, result_sentences
 
@@ -36,7 +37,7 @@ def simulate(
     ts: Numbers | None = None,
     flow: AbstractFlow | None = None,
     args: object = None,
-    max_events: Count = 1024,
+    max_events: Count | None = None,
     max_steps: Count | None = None,
     max_reverse_steps: Count | None = None,
     throw: bool = True,
@@ -61,7 +62,8 @@ def simulate(
         flow: the motion between events; if left out, exact for a linear machine, `vx.DiffraxFlow()` for one with a
             `force`.
         args: passed to the `force` of the machine: numbers and arrays in any nesting.
-        max_events: length of the event log.
+        max_events: length of the event log. If left out, 1024 or as many as the motion has, up to a million; always 1024
+            under `jax.jit` and other transformations, where the shapes of results are known before.
         max_steps: bound on the number of steps. If left out, far more than a sound motion takes: 100 000, plus 100 per
             unit of (t1 - t0) * (highest frequency or decay rate).
         max_reverse_steps: without effect, deprecated: derivatives have no bound on the steps.
@@ -98,7 +100,7 @@ class Settings(NamedTuple):
         allowed: results that do not raise, besides `successful`; None for all.
     """
 
-    max_events: Count
+    max_events: Count | None
     max_steps: Count | None
     allowed: tuple[RESULTS, ...] | None
 
@@ -116,7 +118,6 @@ def simulate_with(
     args: object = None,
 ) -> Solution:
     """`simulate` with its options as `Settings`."""
-    max_events = whole_number("max_events", settings.max_events)
     max_steps = bound_of_steps(settings.max_steps)
     known, given = remembered(system, args), (flow, [t0, t1, ts, x0, v0], max_steps)
     if is_traced(given if known else (system, args, given)):
@@ -125,6 +126,7 @@ def simulate_with(
     else:
         convert, known = as_numpy_float, known or known_machine(system, args)
         system = known.system
+    max_events = _room_of_log(settings.max_events, is_known=known is not None)
     zeros = np.zeros(system.num_masses)
     begin, end = convert(t0, "t0"), convert(t1, "t1")
     times = end[None] if ts is None else convert(ts, "ts")
@@ -167,6 +169,13 @@ def simulate_with(
     if settings.allowed is None or (known and not np.asarray(solution.result._value)):
         return solution  # the first result is `successful`
     return checked(solution, *number_of_doubts(doubts, *result_sentences(solution.result, settings.allowed)))
+
+
+def _room_of_log(max_events: Count | None, *, is_known: bool) -> int:
+    """Most events that are logged: where the numbers are known, a log grows with the motion."""
+    if max_events is None:
+        return MOST_EVENTS if is_known else EVENTS
+    return whole_number("max_events", max_events)
 
 
 def warn_about_reverse_steps(max_reverse_steps: Count | None) -> None:

@@ -20,7 +20,7 @@ from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
 from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked
 from .._jax.packing import Packed
-from .._jax.xla import compile_derivatives_lightly, compile_lightly, jit_lightly, padding_allowed
+from .._jax.xla import compile_lightly, differentiable, jit_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, state_before_contact
 from .._machine.state import with_memory
 from .._printing import as_html, as_text, describe_solution
@@ -345,7 +345,6 @@ def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
     return jax.vmap(at)(request.starts, request.times)
 
 
-@compile_derivatives_lightly
 def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
     """Positions, velocities and contact forces at times; NaN where the motion is unknown."""
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
@@ -365,10 +364,17 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     is_known = t <= solution.known_until
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
-    machine, flow = solution.prepared.unpacked()
-    found = _from_restart(machine, flow.compact(), rows.phase[0], start, t, solution.t0, solution.max_steps)
+    request = solution.prepared, rows.phase[0], start, t, solution.t0, solution.max_steps
+    found = differentiable(_followed, request)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in found)
     return x, v, force
+
+
+def _followed(request: tuple) -> tuple[Array, Array, Array]:
+    """Follow the smooth motion by a loop, which JAX differentiates forwards alone."""
+    prepared, *rest = request
+    machine, flow = prepared.unpacked()
+    return _from_restart(machine, flow.compact(), *rest)
 
 
 def _from_restart(

@@ -23,7 +23,9 @@ def open_dataset(file: Path) -> xr.Dataset:
     engine = _engine(file)
     if not file.exists():
         raise ValueError(f"There is no {file}.")
-    return xr.open_dataset(file, engine=engine)
+    # Consolidated metadata are no part of the format, and Zarr warns of them.
+    own = {"consolidated": False} if engine == "zarr" else None
+    return xr.open_dataset(file, engine=engine, backend_kwargs=own)
 
 
 def check_target(file: Path) -> None:
@@ -42,7 +44,7 @@ def write_dataset(ds: xr.Dataset, file: Path) -> None:
     """Write a dataset under a temporary name, then rename it over any earlier file."""
     part = file.with_name(f"{file.name}.part{file.suffix}")
     if _engine(file) == "zarr":
-        ds.to_zarr(part, mode="w")
+        ds.to_zarr(part, mode="w", consolidated=False)
         shutil.rmtree(file, ignore_errors=True)
     else:
         ds.to_netcdf(part, engine="h5netcdf")

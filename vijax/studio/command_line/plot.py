@@ -52,6 +52,10 @@ def run(args: argparse.Namespace) -> None:
     print(args.out)  # noqa: T201
 
 
+# Kinds of pictures of the impacts of one stop.
+_OF_ONE_STOP = ("bifurcation", "impact_map", "branch")
+
+
 def figure_of_file(args: argparse.Namespace) -> None:
     """Draw the requested picture in a new figure."""
     from ... import plot  # imports matplotlib
@@ -69,6 +73,11 @@ def figure_of_file(args: argparse.Namespace) -> None:
             )
         ds = ds.sel({path: numbers(path, value)[0]}, method="nearest")
     kind = args.kind or _kind_of(ds)
+    if args.stop is not None and kind not in _OF_ONE_STOP:
+        raise ValueError(
+            f"--stop {args.stop}: a picture `{kind}` is of all stops. Leave it out, or choose a kind of one stop: "
+            f"--kind {' or '.join(_OF_ONE_STOP)}."
+        )
     pictures = {
         "bifurcation": lambda: plot.bifurcation(ds, stop=args.stop, ordinate=args.ordinate, mass=args.mass),
         "regions": lambda: plot.regions(classify(ds)),

@@ -16,7 +16,7 @@ import panel as pn
 import xarray as xr
 from matplotlib.colors import to_hex
 
-from ..._sections.classify import classify
+from ..._sections.classify import classified
 from ...plot._labels import axis_label
 from ...plot._motions import legend_entries, motions_of
 from ...plot._ordinates import Ordinate, ordinate_of, ordinates
@@ -145,7 +145,7 @@ def branch_curves(lines: Mapping[bool, tuple[np.ndarray, np.ndarray]], look: Pag
 
 def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[Any, dict[str, str]]:
     """Image of the kinds of motion over two swept quantities, and its legend: words and their colours."""
-    kinds = classify(ds).transpose(right, up, ...).sortby([right, up])
+    kinds = classified(ds, None, None, None).transpose(right, up, ...).sortby([right, up])
     with look.style():
         drawn, numbers = legend_entries(motions_of(kinds), _CLASSES)
     colors = {entry.words: to_hex(entry.color) for entry in drawn}

@@ -12,7 +12,7 @@ from ..._flow.taylor import TaylorFlow
 from ..._jax.arrays import is_single_precision
 from ..._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from ..._orbits.periodic_orbit import periodic_orbit
-from ..._sections.classify import MOTIONS, classify
+from ..._sections.classify import MOTIONS, classified
 from ..._sweep.provenance import system_of
 from ..._system.parameters import get_parameter, parameter_names, set_parameter
 from ..._system.system import ImpactSystem, bound
@@ -125,7 +125,7 @@ def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray)
     """The motion from a state at phase 0, over `record` forcing periods."""
     period, flow = float(system.forcing.period), flow_of(system)
     sol = simulated(system, record * period, x, v)
-    kind = classify(sol, last=record)
+    kind = classified(sol, None, None, record)
     n, orbit = int(kind["num_periods"]), None
     if n and not is_single_precision(system):
         found = periodic_orbit(system, x, v, n, flow=flow, max_events=EVENTS_OF_CYCLE, throw=False)
