@@ -46,21 +46,20 @@ def guard_rests(machine: Machine, state: State, motion: Expansion, hold: Held, l
     if motion.series is None:
         return _by_masses(machine, state, motion, hold, limit)
     series, sizes = motion.series, _sizes(machine, state, motion)
-    num = len(series[0])
 
-    def of(guard: Limit) -> tuple[Array, Array]:
+    def of(guard: Limit) -> GuardRests:
         known = guard.series(machine, state, hold, series)
-        like = jnp.zeros_like(known[0])
-        own = jnp.abs(jnp.stack([*(a + like for a in known), *[like] * (num - len(known))]))
+        own = [jnp.abs(a) + jnp.zeros_like(known[0]) for a in known]
         # `rest` is linear: of sizes at the unit of time it gives that of the coefficient that follows the known ones.
         order = len(guard.derivatives(machine, state, hold, motion.now))
-        return own, guard.rest(machine, sizes, hold) * machine.timescale**order
+        size = guard.rest(machine, sizes, hold) * machine.timescale**order
+        fourth = horner(own[4:], limit) if len(own) > 4 else jnp.zeros_like(own[0])
+        third = own[3] + limit * fourth if len(own) > 3 else fourth
+        largest = jnp.max(jnp.stack([a * machine.timescale**k for k, a in enumerate(own)]), axis=0)
+        vanishes = largest <= _ROUNDINGS * float(jnp.finfo(largest.dtype).eps) * size
+        return GuardRests(third, fourth, vanishes)
 
-    own, size = select_active(machine, state, of, guards_of_steps)
-    largest = jnp.max(jnp.stack([a * machine.timescale**k for k, a in enumerate(own)]), axis=0)
-    vanishes = largest <= _ROUNDINGS * float(jnp.finfo(largest.dtype).eps) * size
-    fourth = horner(own[4:], limit)
-    return GuardRests(own[3] + limit * fourth, fourth, vanishes)
+    return select_active(machine, state, of, guards_of_steps)
 
 
 def _by_masses(
