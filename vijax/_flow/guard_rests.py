@@ -62,9 +62,7 @@ def guard_rests(machine: Machine, state: State, motion: Expansion, hold: Held, l
     return select_active(machine, state, of, guards_of_steps)
 
 
-def _by_masses(
-    machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar
-) -> GuardRests:
+def _by_masses(machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar) -> GuardRests:
     """Bounds by those of the motion of the masses, each guard only from its first unknown coefficient."""
     x_rest, force_rest = motion.rest(machine, limit)
     third = jnp.abs(motion.now.jerk) * (1 / 6) + 4 * x_rest * limit
