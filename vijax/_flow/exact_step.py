@@ -25,6 +25,7 @@ from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import FROZEN, State
+from .guard_rests import GuardRests, guard_rests
 from .interface import AbstractFlow, Expansion, Flight
 from .safe_step import Bound, divided_bound, divided_bound_of_two, safe_step
 from .series import derivative, horner, sum_series, taylor_series
@@ -114,13 +115,17 @@ class ExpandingFlow(AbstractFlow):
         hold = machine.hold(state.held)
         ahead = remaining + resolution
         motion = compute_once(self.expand, machine, state, hold)
+        limit, rests = jnp.minimum(ahead, motion.limit), None
+        if machine.contacts.is_coupled:
+            rests = compute_once(guard_rests, machine, state, motion, hold, limit)
         find = switching_step if machine.contacts.is_switching else _safe_step
-        step, is_root = compute_once(find, machine, state, motion, hold, jnp.minimum(ahead, motion.limit))
+        step, is_root = compute_once(find, machine, state, motion, hold, limit, rests)
         is_last = step >= remaining
         step = jnp.where(is_last, remaining, step)
         moved = compute_once(_move, machine, state, motion, hold, step)
         series = compute_once(_near_future, machine, moved, hold)
-        delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step)
+        idle = None if rests is None else is_idle(moved, machine) | rests.vanishes
+        delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step, idle)
         delay = smallest(delays)
         is_event = (delays <= delay + simultaneity_tolerance(machine)) & (delays < jnp.inf)
         # Not before the start of the step: events of one instant come in causal order.
@@ -151,23 +156,24 @@ class ExpandingFlow(AbstractFlow):
 
 
 def _safe_step(
-    machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar
+    machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar, own: GuardRests | None
 ) -> tuple[Scalar, Bool[Array, "stops ..."]]:
     """Longest step proved free of events, and flags of the stops on whose event it ends."""
     if not machine.contacts.num:
         return limit, state.no_events
     if machine.can_stick:
         is_any_held = is_any(state.held)
-        now = machine, state, motion, limit
+        now = machine, state, motion, limit, own
         bound = jax.lax.cond(is_any_held, lambda: _bound(*now, hold), lambda: _bound_of_gap(*now))
     else:
-        bound = compute_once(_bound_of_gap, machine, state, motion, limit)
+        bound = compute_once(_bound_of_gap, machine, state, motion, limit, own)
     nearly = rounding_step(state.x.dtype) * machine.timescale
     steps, is_root = safe_step(bound, limit, nearly)
     # A mass that has just left returns later, never at once: a root at zero is a leading coefficient lost in rounding.
     is_root = is_root & (steps <= nearly) & ((leading_zeros(state) == 0) | (steps > 0))
-    if machine.contacts.is_coupled:
-        steps, is_root = jnp.where(is_idle(state), limit, steps), is_root & ~is_idle(state)
+    if own is not None:
+        idle = is_idle(state) | own.vanishes
+        steps, is_root = jnp.where(idle, limit, steps), is_root & ~idle
     # With a leading coefficient lost in rounding the bound allows no step, although the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
     step = jnp.minimum(limit, smallest(steps))
@@ -179,17 +185,21 @@ def simultaneity_tolerance(machine: Machine) -> Scalar:
     return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
 
 
-def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held) -> Bound:
+def _bound(
+    machine: Machine, state: State, motion: Expansion, limit: Scalar, own: GuardRests | None, hold: Held
+) -> Bound:
     """Bound the guard of every contact from below."""
-    rests = compute_once(motion.rest, machine, limit)
+    rests = own or compute_once(motion.rest, machine, limit)
     of = lambda guard: _bound_of(guard, rests, machine, state, motion, limit, hold)  # noqa: E731
     return select_active(machine, state, of)
 
 
-def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
+def _bound_of_gap(
+    machine: Machine, state: State, motion: Expansion, limit: Scalar, own: GuardRests | None
+) -> Bound:
     """Lower bound of every gap, where no mass is held."""
-    x_rest = compute_once(_rest_of_gap, motion, machine, limit)
-    return _bound_of(GAP, (x_rest,), machine, state, motion, limit, None)
+    rests = own or (compute_once(_rest_of_gap, motion, machine, limit),)
+    return _bound_of(GAP, rests, machine, state, motion, limit, None)
 
 
 def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
@@ -198,7 +208,7 @@ def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Ar
 
 def _bound_of(
     guard: Limit,
-    rests: tuple[Array, ...],
+    rests: GuardRests | tuple[Array, ...],
     machine: Machine,
     state: State,
     motion: Expansion,
@@ -207,7 +217,10 @@ def _bound_of(
 ) -> Bound:
     """Bound a guard by its Taylor coefficients and their remainder."""
     value, slope, curvature, *third = guard.derivatives(machine, state, hold, motion.now)
-    rest = guard.rest(machine, rests, hold)
+    if isinstance(rests, GuardRests):
+        rest = rests.fourth if third else rests.third
+    else:
+        rest = guard.rest(machine, rests, hold)
     if guard.leading_zeros is not None and third:
         order = guard.leading_zeros(state)
         return divided_bound((value, slope, curvature / 2, third[0] * (1 / 6)), rest, order, limit)
@@ -249,6 +262,7 @@ def _delays(
     hold: Held,
     is_root: Bool[Array, "stops ..."],
     ahead: Scalar,
+    idle: Bool[Array, "stops ..."] | None,
 ) -> Float[Array, "stops ..."]:
     """Time to the next event of every stop, if it is near; else infinite.
 
@@ -262,6 +276,7 @@ def _delays(
         hold: contacts that hold.
         is_root: stops on whose event the step ended, to rounding, or of machines that switch close to it.
         ahead: longest time to an event.
+        idle: flags of guards without events, None if each has some.
     """
     num_terms = len(series[0])
 
@@ -294,12 +309,12 @@ def _delays(
         is_near = is_simple & (jnp.abs(delay) <= near) & (delay <= ahead)
     else:
         is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
-    is_near = is_near & ~is_idle(state, machine) if machine.contacts.is_coupled else is_near
+    is_near = is_near if idle is None else is_near & ~idle
     # A step of a machine that switches ends on an estimate of the event: the event may lie behind the end of the motion.
     is_here = is_root & ~(is_simple & (delay > ahead)) if is_switching else is_root
     if len(value) > 1:
         first = smallest(jnp.where(is_near, delay, jnp.inf))
-        is_other = ~is_near & ~is_here & ~is_idle(state, machine)
+        is_other = ~is_near & ~is_here & ~(is_idle(state, machine) if idle is None else idle)
         waits = is_near & jnp.any(is_other & _may_vanish(h, first), axis=0)
         is_near, is_here = is_near & ~waits, is_here & ~waits
     return jnp.where(is_near, delay, jnp.where(is_here, 0, jnp.inf))

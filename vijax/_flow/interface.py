@@ -27,6 +27,11 @@ class Expansion(eqx.Module):
     now: eqx.AbstractVar[Derivatives]
     limit: eqx.AbstractVar[Scalar]
 
+    @property
+    def series(self) -> tuple[Array, ...] | None:
+        """Taylor coefficients of positions, forces and phase that sum the motion up to `limit`, if it has them."""
+        return None
+
     @abc.abstractmethod
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 on [0, limit], both (n,)."""

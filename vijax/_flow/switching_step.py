@@ -28,6 +28,7 @@ from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
+from .guard_rests import GuardRests
 from .interface import Expansion
 from .safe_step import Bound, either, lost_fall, safe_step
 
@@ -44,15 +45,16 @@ class Ahead(eqx.Module):
 
 
 def switching_step(
-    machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar
+    machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar, rests: GuardRests
 ) -> tuple[Scalar, Flag]:
     """Longest step known to have no event but close to its end, and flags of the guards on whose event it ends."""
-    ahead = compute_once(_ahead, machine, state, motion, limit, hold)
-    order, idle = leading_zeros(state, machine), is_idle(state, machine)
+    ahead = compute_once(_ahead, machine, state, motion, limit, hold, rests)
+    order, idle = leading_zeros(state, machine), is_idle(state, machine) | rests.vanishes
     nearly = rounding_step(state.x.dtype) * machine.timescale
     most = 2 if set(machine.contacts.laws.kinds) == {FRICTION} else 3
     if has_one_guard(machine):
-        limit = jnp.minimum(limit, smallest(_before_other_end(machine, state, ahead, limit, nearly)))
+        before = _before_other_end(machine, state, ahead, limit, nearly)
+        limit = jnp.minimum(limit, smallest(jnp.where(idle, limit, before)))
     steps, is_root = compute_once(_safe_steps, ahead, order, limit, nearly, most)
     dtype = str(state.x.dtype)
     near = select_active(machine, state, lambda guard: near_of(guard, dtype), guards_of_steps)
@@ -78,19 +80,19 @@ def near_of(guard: Limit, dtype: str) -> float:
     return of_force if guard.leading_zeros is None else of_motion
 
 
-def _ahead(machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held) -> Ahead:
-    x_rest, force_rest = motion.rest(machine, limit)
-    third = jnp.abs(motion.now.jerk) * (1 / 6) + 4 * x_rest * limit
-    rests = x_rest, force_rest, third, motion.velocity_rest(machine, limit)
+def _ahead(
+    machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held, rests: GuardRests
+) -> Ahead:
 
-    def of(guard: Limit) -> Ahead:
+    def of(guard: Limit) -> tuple[Array, ...]:
         value, slope, curvature, *bend = guard.derivatives(machine, state, hold, motion.now)
-        rest, nothing = guard.rest(machine, rests, hold), jnp.zeros_like(value)
-        bend, q3, q4 = (bend[0] * (1 / 6), nothing, rest) if bend else (nothing, rest, nothing)
-        return Ahead(value, slope, curvature * 0.5, bend, q3, q4)
+        is_known = jnp.full_like(value, bool(bend), bool)
+        return value, slope, curvature * 0.5, bend[0] * (1 / 6) if bend else jnp.zeros_like(value), is_known
 
-    ahead = select_active(machine, state, of, guards_of_steps)
-    like = ahead.h0 + 0 * limit
+    h0, h1, h2, h3, is_known = select_active(machine, state, of, guards_of_steps)
+    q3, q4 = jnp.where(is_known, 0, rests.third), jnp.where(is_known, rests.fourth, 0)
+    ahead = Ahead(h0, h1, h2, h3, q3, q4)
+    like = h0 + 0 * limit
     return jax.tree.map(lambda a: jnp.broadcast_to(a, like.shape), ahead)
 
 

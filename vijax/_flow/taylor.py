@@ -80,6 +80,11 @@ class TaylorExpansion(Expansion):
     forces: Float[Array, "_ n ..."]
     phase: Float[Array, "_ 2 harmonics ..."]
 
+    @property
+    def series(self) -> tuple[Array, ...]:
+        """All orders of which each has one."""
+        return self.x[: len(self.phase)], self.forces, self.phase
+
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 on [0, limit] by sums of absolute coefficients."""
         del machine

@@ -18,7 +18,7 @@ from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
-from .limits import FORCE, GAP, SLIP, STICK, Limit, force_below
+from .limits import FORCE, GAP, SLIP, STICK, Limit, each_order, force_below
 
 
 def is_sticking(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -45,7 +45,7 @@ def _slip_derivatives(machine: Machine, state: State, hold: Held, now: Derivativ
 def _slip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
     del hold
     x, _, _ = series
-    later = [(k + 1) * machine.contacts.along(x[k + 1]) for k in range(1, len(x) - 1)]
+    later = [(k + 2) * a for k, a in enumerate(each_order(machine.contacts.along, x[2:]))]
     return [state.mode.direction * a for a in (sliding_velocity(machine, state), *later)]
 
 

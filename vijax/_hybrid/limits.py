@@ -16,6 +16,7 @@ To add a limit, add its guard as a `Limit` to a group of `guards_of`, its events
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
+import jax
 from jaxtyping import Array, Bool, Int
 
 from .._machine.contacts import Held
@@ -89,6 +90,20 @@ class Limit(NamedTuple):
     leading_zeros: Callable[[State], Int[Array, "contacts ..."]] | None
 
 
+# Most orders that are taken one after the other: they fuse with what follows. A whole series is taken at once, which compiles faster.
+_FEW = 8
+
+
+def each_order(function: Callable[..., Array], *series: Array) -> list[Array]:
+    """Taylor coefficients of a linear function of positions, forces or phase, from theirs."""
+    num = len(series[0])
+    return (
+        [function(*(a[k] for a in series)) for k in range(num)]
+        if num <= _FEW
+        else list(jax.vmap(function)(*series))
+    )
+
+
 def _gap_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
     del hold
     return [state.gap, *(-a for a in approaches(machine, state, now))]
@@ -97,13 +112,14 @@ def _gap_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> 
 def _gap_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
     del hold
     x, _, phase = series
-    return [state.gap, *(-machine.contacts.towards(x[k], phase[k]) for k in range(1, len(x)))]
+    return [state.gap, *(-a for a in each_order(machine.contacts.towards, x[1:], phase[1:]))]
 
 
 def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
     del state
     _, force, phase = series
-    return [machine.contacts.contact_force(force[k], hold, phase[k]) for k in range(len(force))]
+    contact_force = lambda f, p: machine.contacts.contact_force(f, hold, p)  # noqa: E731
+    return each_order(contact_force, force, phase[: len(force)])
 
 
 # `near`: after 1e-3 time scales the remainder of five terms of the velocity, 1e-3^5 / 5!, is below rounding. A contact

@@ -1,0 +1,135 @@
+"""Contacts that touch without a force, or nearly so: no cost, no event, no end."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import vijax as vx
+
+# An exact step covers 1.5 time scales of the motion, so that a run without events takes a few steps only.
+FEW_STEPS = 10
+# Rounding of the motion over a few periods.
+EXACT = 1e-12
+
+
+def pair(mass, damping=0.0, restitution=1.0, mean=(0.0, 0.0), change=0.0):
+    """Two bodies in touch with equal k / m and c / m, up to a relative `change` of one stiffness."""
+    mass = np.asarray(mass)
+    load = vx.Harmonic(amplitude=[0.0, 0.0], frequency=1.0, mean=list(mean))
+    stiffness = np.diag(mass * [1.0, 1.0 + change])
+    contact = vx.Contact({0: 1.0, 1: -1.0}, 0.0, restitution)
+    return vx.ImpactSystem(mass, damping * np.diag(mass), stiffness, load, [contact])
+
+
+def swing(t, damping=0.0):
+    w = np.sqrt(1 - damping**2 / 4)
+    return np.exp(-damping * t / 2) * (np.cos(w * t) + damping / (2 * w) * np.sin(w * t))
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+@pytest.mark.parametrize(("mass", "restitution"), [([1.0, 1.0], 1.0), ([5.0, 3.0], 1.0), ([5.0, 3.0], 0.5)])
+def test_equal_pendula_in_touch_swing_as_one(mass, restitution, damping):
+    sol = vx.simulate(pair(mass, damping, restitution), 0.0, 3.0, [0.1, 0.1], [0.0, 0.0], max_steps=1000)
+    np.testing.assert_allclose(sol.x1, 0.1 * swing(3.0, damping), atol=EXACT)
+    assert sol.num_steps < FEW_STEPS
+
+
+@pytest.mark.parametrize("force", [1e-3, 1e-6, 1e-9, 1e-12, 1e-15])
+def test_a_light_pressing_force_costs_no_more_steps_than_a_heavy_one(force):
+    system = pair([1.0, 1.0], mean=(force, -force))
+    sol = vx.simulate(system, 0.0, 3.0, [0.1, 0.1], [0.0, 0.0], max_steps=1000)
+    np.testing.assert_allclose(sol.x1, 0.1 * swing(3.0), atol=EXACT)
+    assert sol.num_events == 0
+    assert sol.num_steps < FEW_STEPS
+
+
+@pytest.mark.parametrize("change", [1e-6, 1e-9, 1e-12])
+def test_nearly_equal_pendula_part_at_the_lowest_point(change):
+    sol = vx.simulate(pair([1.0, 1.0], change=-change), 0.0, 3.0, [-0.1, -0.1], [0.0, 0.0], max_steps=1000)
+    np.testing.assert_allclose(sol.x1, -0.1 * swing(3.0), atol=EXACT + change)
+    assert sol.num_steps < 2 * FEW_STEPS
+
+
+def test_lanes_and_units_do_not_matter():
+    def at(size):
+        sol = vx.simulate(
+            pair([5.0, 3.0], 0.1, 0.5), 0.0, 3.0, size * jnp.ones(2), jnp.zeros(2), max_steps=1000
+        )
+        return sol.x1 / size, sol.num_steps
+
+    x, steps = jax.vmap(at)(jnp.array([1e-9, 0.1, 1e6]))
+    np.testing.assert_allclose(x, swing(3.0, 0.1), atol=EXACT)
+    assert np.all(steps < FEW_STEPS)
+
+
+@pytest.mark.parametrize("num", [2, 3])
+def test_a_cradle_in_touch_takes_the_steps_of_one_with_gaps(num):
+    def steps(gap):
+        contacts = [vx.Contact({i: 1.0, i + 1: -1.0}, gap, 1.0) for i in range(num - 1)]
+        system = vx.ImpactSystem(np.ones(num), np.zeros((num, num)), 49.05 * np.eye(num), None, contacts)
+        x0 = np.zeros(num)
+        x0[0] = -0.1
+        sol = vx.simulate(system, 0.0, 2.0, x0, np.zeros(num), max_steps=1000)
+        return sol.num_steps
+
+    assert steps(0.0) <= 2 * steps(1e-3)
+
+
+@pytest.mark.thorough
+def test_three_loaded_bodies_in_touch_move_as_one_in_a_sweep_too():
+    mass = np.array([2.0, 3.0, 0.7])
+    contacts = [vx.Contact({i: 1.0, i + 1: -1.0}, 0.0, 0.6) for i in (0, 1)]
+    load = vx.Harmonic(amplitude=0.3 * mass, frequency=1.1, mean=0.2 * mass)
+    system = vx.ImpactSystem(mass, 0.1 * np.diag(mass), 1.7 * np.diag(mass), load, contacts)
+    sol = vx.simulate(system, 0.0, 50.0, [0.1] * 3, [0.0] * 3, max_steps=1000)
+
+    def rate(t, y):
+        return [y[1], 0.3 * np.cos(1.1 * t) + 0.2 - 0.1 * y[1] - 1.7 * y[0]]
+
+    alone = solve_ivp(rate, (0, 50), [0.1, 0.0], rtol=1e-12, atol=1e-13).y[0, -1]
+    np.testing.assert_allclose(sol.x1, alone, atol=1e-9)
+    assert sol.num_steps < 100
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "contact",
+    [
+        vx.Contact({1: 1.0, 2: -1.0}, 0.0, 0.5),
+        vx.CompliantContact({1: 1.0, 2: -1.0}, 0.0, 50.0, 0.0),
+        vx.CompliantContact({1: 1.0, 2: -1.0}, 0.0, 50.0, 0.5),
+        vx.CompliantContact({1: 1.0, 2: -1.0}, 0.0, 50.0, 0.0, preload=0.1),
+    ],
+    ids=["rigid", "compliant", "damped", "preloaded"],
+)
+def test_equal_buildings_in_touch_move_as_one(contact):
+    stiffness = np.array([[7.0, -1.0, -1.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+    mass, damping = np.array([3.0, 1.0, 1.0]), 0.04 * stiffness
+    load = vx.Harmonic(amplitude=[1.0, 0.0, 0.0], frequency=1.3)
+    system = vx.ImpactSystem(mass, damping, stiffness, load, [contact])
+    sol = vx.simulate(system, 0.0, 40.0, [0.0] * 3, [0.0] * 3, max_steps=1000)
+
+    def rate(t, y):
+        force = np.array([np.cos(1.3 * t), 0.0, 0.0]) - damping @ y[3:] - stiffness @ y[:3]
+        return np.concatenate([y[3:], force / mass])
+
+    free = solve_ivp(rate, (0, 40), np.zeros(6), rtol=1e-12, atol=1e-13, method="DOP853").y[:3, -1]
+    np.testing.assert_allclose(sol.x1, free, atol=1e-9)
+    assert sol.num_events == 0
+    assert sol.num_steps < 100
+
+
+@pytest.mark.thorough
+def test_friction_at_its_bound_all_along_does_not_stop_three_blocks():
+    friction = [vx.Friction(0, 1.5), vx.Friction({1: 1.0, 0: -1.0}, 1.0), vx.Friction({2: 1.0, 1: -1.0}, 0.5)]
+    load = vx.Harmonic(amplitude=[6.0, 0.0, 0.0], frequency=0.7)
+    system = vx.ImpactSystem(
+        np.ones(3), 0.1 * np.eye(3), np.diag([1.0, 0.0, 0.0]), load, [], friction=friction
+    )
+    sol = vx.simulate(system, 0.0, 1.0, [0.0] * 3, [0.0] * 3, max_steps=1000)
+    # Blocks 2 and 3 are driven by .5 each: m v' = .5 - c v.
+    alone = 5 * (1.0 - (1 - np.exp(-0.1)) / 0.1)
+    np.testing.assert_allclose(sol.x1[1:], alone, atol=1e-10)
+    assert sol.num_steps < FEW_STEPS

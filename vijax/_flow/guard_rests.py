@@ -1,0 +1,84 @@
+"""Remainders of guards whose contacts share inertia, by the Taylor coefficients of the guards themselves.
+
+A guard is a difference of motions: the force between two bodies, or the gap. Where they go together the difference is far
+smaller than its terms, and may be zero for ever: two equal pendula in touch, friction that is exactly at its bound. Bounds
+of the terms, added up, would then allow only steps as short as if the guard were about to fall by as much. So each
+coefficient of the guard is formed first, and the absolute value taken of that.
+
+A guard is zero for ever, until the mode changes, if as many of its derivatives vanish as the motion has states (Cayley and
+Hamilton). In numbers all coefficients that count within a step are then rounding errors of their terms. Such a guard
+`vanishes`: it has no event.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._hybrid.guards import guards_of_steps, select_active
+from .._hybrid.limits import Limit
+from .._jax.arrays import Scalar, matvec
+from .._machine.contacts import Held
+from .._machine.machine import Machine
+from .._machine.state import State
+from .interface import Expansion
+from .series import horner
+
+# Rounding errors of a coefficient of a guard, relative to its terms, in units of the last place.
+_ROUNDINGS = 32
+
+
+class GuardRests(eqx.Module):
+    """Bounds of what follows the known Taylor coefficients of guards on a step, (guards,).
+
+    Attributes:
+        third: bound of the third coefficient and all that follow.
+        fourth: of the fourth and all that follow.
+        vanishes: flags of guards that are zero all along.
+    """
+
+    third: Float[Array, "guards ..."]
+    fourth: Float[Array, "guards ..."]
+    vanishes: Bool[Array, "guards ..."]
+
+
+def guard_rests(machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar) -> GuardRests:
+    """Bound the remainders of all guards of steps."""
+    if motion.series is None:
+        return _by_masses(machine, state, motion, hold, limit)
+    series, sizes = motion.series, _sizes(machine, state, motion)
+
+    def of(guard: Limit) -> GuardRests:
+        known = guard.series(machine, state, hold, series)
+        own = [jnp.abs(a) + jnp.zeros_like(known[0]) for a in known]
+        # `rest` is linear: of sizes at the unit of time it gives that of the coefficient that follows the known ones.
+        order = len(guard.derivatives(machine, state, hold, motion.now))
+        size = guard.rest(machine, sizes, hold) * machine.timescale**order
+        fourth = horner(own[4:], limit) if len(own) > 4 else jnp.zeros_like(own[0])
+        third = own[3] + limit * fourth if len(own) > 3 else fourth
+        largest = jnp.max(jnp.stack([a * machine.timescale**k for k, a in enumerate(own)]), axis=0)
+        vanishes = largest <= _ROUNDINGS * float(jnp.finfo(largest.dtype).eps) * size
+        return GuardRests(third, fourth, vanishes)
+
+    return select_active(machine, state, of, guards_of_steps)
+
+
+def _by_masses(machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar) -> GuardRests:
+    """Bounds by those of the motion of the masses, each guard only from its first unknown coefficient."""
+    x_rest, force_rest = motion.rest(machine, limit)
+    third = jnp.abs(motion.now.jerk) * (1 / 6) + 4 * x_rest * limit
+    rests = x_rest, force_rest, third, motion.velocity_rest(machine, limit)
+    rest = select_active(machine, state, lambda guard: guard.rest(machine, rests, hold), guards_of_steps)
+    return GuardRests(rest, rest, jnp.zeros(rest.shape, bool))
+
+
+def _sizes(machine: Machine, state: State, motion: Expansion) -> tuple[Array, ...]:
+    """Sizes of the terms of positions, forces, third derivatives and velocities, as `Limit.rest` takes them."""
+    time, rate = machine.timescale, machine.rate
+    x, v, a = (jnp.abs(part) for part in (state.x, state.v, motion.now.acceleration))
+    drag = matvec(jnp.abs(machine.damping), v + time * a)
+    spring = matvec(jnp.abs(machine.stiffness), x + time * (v + time * a))
+    force = jnp.abs(machine.mean) + machine.waves.bound(0) + drag + spring
+    inverse = jnp.abs(machine.inverse_mass)
+    moved = matvec(inverse, force) if inverse.ndim > force.ndim else inverse * force
+    way = time * (v + time * moved)
+    return way * rate**4, force * rate**3, way * rate**3, way * rate**5
