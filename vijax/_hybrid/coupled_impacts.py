@@ -84,7 +84,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     instant = Instant(hit, none, none, v_minus, v_minus, zeros, arrived, state.time, zeros)
     after, instant, torn = jax.lax.cond(
         is_any(hit),
-        lambda: compute_once(impact, machine, state, instant),
+        lambda: compute_once(impact, machine, state, instant)[:3],
         lambda: (state, instant, none),
     )
     if not machine.can_stick:
@@ -99,8 +99,8 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
 
 def impact(
     machine: Machine, state: State, instant: Instant
-) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
-    """State after the impacts, their velocities and impulses, and the closed contacts that they tear open."""
+) -> tuple[State, Instant, Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """State after the impacts, their velocities and impulses, the closed contacts that they tear open, and all impulses."""
     contacts, hit = machine.contacts, instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
@@ -121,7 +121,7 @@ def impact(
     contact = jnp.where(hit | is_open | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
-    return after, instant, is_open
+    return after, instant, is_open, impulse
 
 
 def _stick_and_release(

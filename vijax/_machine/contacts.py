@@ -263,9 +263,15 @@ class Contacts(eqx.Module):
         """Flags of contacts that hold but whose row depends on other held ones."""
         return hold.held & (diagonal(hold.inertia) == 0)
 
-    def depend_on(self, members: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
-        """Flags of contacts whose rows and motions depend on those of `members`: they stay closed while these do."""
-        share = product(self.compliance, inverse_among(self.compliance, members))
+    def depend_on(
+        self, members: Bool[Array, "contacts ..."], inertia: Array | None = None
+    ) -> Bool[Array, "contacts ..."]:
+        """Flags of contacts whose rows and motions depend on those of `members`: they stay closed while these do.
+
+        `inertia` is that of their `Hold`, if it is known.
+        """
+        inertia = inverse_among(self.compliance, members) if inertia is None else inertia
+        share = product(self.compliance, inertia)
         whole = diagonal(self.compliance)
         slack = slack_of(self.compliance)
         rest = whole - jnp.sum(share * self.compliance, axis=1)

@@ -23,7 +23,7 @@ from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
 from .contacts import Contacts, Hold
 from .small_matrices import inverse_among, product
-from .state import Mode, State
+from .state import SATURATED, Mode, State
 
 RIGID, COMPLIANT, FRICTION = 0, 1, 2
 
@@ -192,13 +192,19 @@ class SwitchingContacts(Contacts):
         assert mode is not None
         speed = self.speeds(state.v, phase_rate(state.phase, self.frequency))
         pushing = self.spring_force(self.gaps(state.x, state.phase), speed)
-        return jnp.where(mode.closed, pushing, mode.direction * self.laws.force)
+        return jnp.where(mode.closed, pushing, self._rubbing(mode))
 
     def load_of(self, mode: Mode) -> Float[Array, "n ..."]:
         """Constant part of the forces of the elements on the masses, in a mode."""
         laws = self.laws
         spring = jnp.where(mode.closed, laws.stiffness * self.limit - laws.preload, 0)
-        return self.back(spring - mode.direction * laws.force)
+        return self.back(spring - self._rubbing(mode))
+
+    def _rubbing(self, mode: Mode) -> Float[Array, "contacts ..."]:
+        """Forces T of friction that does not hold: of slip, and at the bound of the grip where others keep it at rest."""
+        return jnp.sign(mode.direction) * jnp.where(
+            jnp.abs(mode.direction) == SATURATED, self.laws.grip, self.laws.force
+        )
 
     def matrices_of(self, closed: Bool[Array, "contacts ..."]) -> tuple[Array, Array]:
         """Stiffness and damping that closed compliant contacts add, (n, n) each."""
