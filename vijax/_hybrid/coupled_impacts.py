@@ -21,11 +21,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
-from .._machine.derivatives import contact_forces, derivatives, rates
+from .._machine.derivatives import rates, sizes_of_force
 from .._machine.machine import Machine, state_before_contact
+from .._machine.small_matrices import slack_of
 from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
 from .complementarity import solve_complementarity
+from .just_after import just_after, sign_just_after
 from .sticking import (
     chatter_is_complete,
     chatter_time,
@@ -33,7 +35,6 @@ from .sticking import (
     is_light,
     is_nearly_hit,
     is_negligible,
-    is_pressed,
     usual_speeds,
 )
 from .transition import Instant
@@ -67,8 +68,8 @@ def first_state(
         return state
     closed, contact = _holding_after_jump(machine, state, at_rest, contact, jnp.any(at_rest, axis=0))
     hold = contacts.hold(closed)
-    force, *later = contact_forces(machine, state, hold, derivatives(machine, state, hold))
-    held = closed & is_pressed(force, tuple(later))
+    forces, errors, *_ = just_after(machine, state, machine.total_force(state), hold)
+    held = closed & (sign_just_after(forces, errors) >= 0)
     contact = jnp.where(closed & ~held, jnp.int8(3), contact)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
     held, contact = _holding_after_release(machine, state, closed & ~held, held, contact)
@@ -225,7 +226,12 @@ def _holding_after_jump(
 ) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
     """Contacts that hold after a jump, among those `at_rest`, and the new `State.contact`."""
     contacts = machine.contacts
-    opening = -contacts.free_pull(machine.total_force(state), state.phase)
+    force = machine.total_force(state)
+    # Touching bodies whose accelerations are equal are not taken apart by rounding.
+    size = contacts.inverse_mass_size(sizes_of_force(machine, force, jnp.abs(state.x), jnp.abs(state.v)))
+    slack = slack_of(contacts.compliance) * (contacts.size(size) + contacts.acceleration_bound())
+    opening = -contacts.free_pull(force, state.phase)
+    opening = jnp.where(jnp.abs(opening) <= slack, 0, opening)
     held, _, opening = solve_complementarity(contacts.compliance, opening, at_rest)
     left = jnp.where(opening > 0, jnp.int8(2), jnp.int8(3))
     left = jnp.where(at_rest, jnp.where(held, jnp.int8(0), left), contact)

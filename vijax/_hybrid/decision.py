@@ -23,19 +23,19 @@ elements in conflict change their act at once, later one at a time (as principal
 Murty, Linear Algebra Appl. 7 (1974)).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from .._jax.arrays import matvec
 from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION, RIGID
+from .just_after import just_after, sign_just_after
 
 # Number of elements at rest up to which all sets are tried, of sets tried at once, of elements whose acts these differ in.
 _ENUMERATED, _BATCH, _DIFFERING = 5, 27, 3
@@ -168,17 +168,27 @@ def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: 
     bound = jnp.where(friction, jnp.where(depends, laws.grip, laws.force), laws.preload)
     pushes = elements & jnp.where(friction, ~holds, act == 1)
     own = jnp.where(pushes, act * bound, 0)
-    forces, sizes, moves, slips = _just_after(machine, state, force, own, pushes & ~friction, hold)
+
+    def spring_rates(moves: list[Array]) -> Array:
+        # F0 + k d + c d' of a spring at d = 0 and d' = 0.
+        rate = (
+            laws.damping * moves[-1]
+            if len(moves) == 1
+            else laws.damping * moves[-1] + laws.stiffness * moves[-2]
+        )
+        return jnp.where(pushes & ~friction, rate, 0)
+
+    forces, errors, moves, move_errors = just_after(machine, state, force, hold, own, spring_rates)
     most = jnp.where(rigid, jnp.inf, jnp.where(friction, laws.grip, laws.preload))
     least = jnp.where(friction, -laws.grip, 0)
     # A bound that the force was found to reach is reached exactly.
     known = [jnp.where(holds, at_rest.at_bound, 0) == side for side in (1, -1)]
-    near = float(jnp.finfo(force.dtype).eps) ** 0.5 * sizes[0] / _noise(machine)
+    near = errors[0] * float(jnp.finfo(force.dtype).eps) ** -0.5
     room = [jnp.where(rigid, jnp.inf, most - forces[0]), forces[0] - least]
     room = [jnp.where(k & (jnp.abs(r) <= near), 0, r) for k, r in zip(known, room, strict=True)]
-    above = _sign([room[0], -forces[1], -forces[2]], sizes) < 0
-    below = _sign([room[1], forces[1], forces[2]], sizes) < 0
-    motion = _sign(moves, slips)
+    above = sign_just_after([room[0], -forces[1], -forces[2]], errors) < 0
+    below = sign_just_after([room[1], forces[1], forces[2]], errors) < 0
+    motion = sign_just_after(moves, move_errors)
     carried = idle & (motion != 0) & ~(rigid & (motion > 0))
     if contacts.walls is None:
         carried = jnp.zeros_like(idle)
@@ -192,62 +202,5 @@ def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: 
     kept = elements & (idle | depends)
     worth = jnp.where(held | kept, _worth(machine), 0)
     score = jnp.sum(jnp.where(wrong, _CONFLICT, worth), axis=0)
-    jumps = jnp.abs(moves[0]) > slips[0]
+    jumps = jnp.abs(moves[0]) > move_errors[0]
     return _Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps))
-
-
-def _sign(values: list[Array], slacks: list[Array]) -> Array:
-    """Sign of a function just after an instant, from its value and derivatives there, and their rounding errors."""
-    sign = jnp.zeros_like(values[0])
-    for value, slack in zip(values[::-1], slacks[::-1], strict=True):
-        sign = jnp.where(jnp.abs(value) <= slack, sign, jnp.sign(value))
-    return sign
-
-
-def _noise(machine: Machine) -> float:
-    return 64 * machine.contacts.num * float(jnp.finfo(machine.rate.dtype).eps)
-
-
-def _just_after(
-    machine: Machine, state: State, force: Array, own: Array, yields: Array, hold: Any
-) -> tuple[list[Array], list[Array], list[Array], list[Array]]:
-    """Forces of the elements that hold, their rounding errors, accelerations along all rows, and theirs.
-
-    Each is a list of the value and two derivatives. `own` are the forces of elements at rest that give way, `yields` those
-    of which are springs.
-    """
-    contacts, laws = machine.contacts, machine.contacts.laws
-    phase, noise = state.phase, _noise(machine)
-    stiffness, damping = jnp.abs(machine.stiffness), jnp.abs(machine.damping)
-    waves = lambda order: machine.frequency**order * machine.waves.bound(order)  # noqa: E731
-    springs = lambda of, a: contacts.back(jnp.where(yields, of * a, 0))  # noqa: E731
-    back = lambda a: matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), a)  # noqa: E731
-    forces, sizes, moves, slips, load = [], [], [], [], force - contacts.back(own)
-    size = jnp.abs(machine.mean) + waves(0) + jnp.abs(force) + back(jnp.abs(own))
-    size = size + matvec(damping, jnp.abs(state.v)) + matvec(stiffness, jnp.abs(state.x))
-    motion, motion_size = [], [jnp.abs(state.v)]
-    for order in range(3):
-        acceleration = contacts.accelerations(load, hold, phase)
-        forces.append(contacts.contact_force(load, hold, phase))
-        moves.append(contacts.relative_acceleration(acceleration, phase))
-        wall = (
-            0
-            if contacts.walls is None
-            else machine.frequency ** (order + 2) * contacts.walls.bound(order + 2)
-        )
-        sizes.append(
-            noise
-            * (matvec(jnp.abs(hold.reaction), size) + matvec(jnp.abs(hold.inertia), wall + 0 * forces[0]))
-        )
-        reached = contacts.inverse_mass_size(size + back(sizes[-1] / noise))
-        slips.append(noise * (contacts.size(reached) + wall))
-        motion, motion_size = [*motion, acceleration], [*motion_size, reached]
-        phase = machine.phase_rate(phase)
-        if order == 0:
-            load = machine.total_force_rate(state, acceleration) - springs(laws.damping, moves[0])
-        elif order == 1:
-            load = machine.total_force_curvature(state, motion[0], motion[1])
-            load = load - springs(laws.stiffness, moves[0]) - springs(laws.damping, moves[1])
-        size = waves(order + 1) + jnp.abs(load)
-        size = size + matvec(damping, motion_size[-1]) + matvec(stiffness, motion_size[-2])
-    return forces, sizes, moves, slips

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Reals, append_axes, matvec
+from .._jax.arrays import Reals, append_axes
 from .._system.restitution import Restitution
 from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
@@ -157,16 +157,6 @@ class SwitchingContacts(Contacts):
         v = v - self.inverse_mass_times(jnp.sum(damping * way[None], axis=1))
         lack = jnp.where(held, self.speeds(v, rate), 0)
         return x + way, v - self._by(inverse_among(self.compliance, held), lack)
-
-    def relative_acceleration(
-        self, acceleration: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
-    ) -> Float[Array, "contacts ..."]:
-        """Accelerations along the rows, relative to those of the contacts."""
-        return self._accelerated_towards(acceleration, phase)
-
-    def inverse_mass_size(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-        """|M^-1| . y: bounds of accelerations, from those of forces."""
-        return matvec(jnp.abs(self.inverse_mass), force) if self._has_full_mass else self.inverse_mass * force
 
     def without_speeds(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
