@@ -52,10 +52,11 @@ def just_after(
     noise = slack_of(contacts.compliance)
     back = lambda a: matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), a)  # noqa: E731
     motion = [jnp.abs(state.x), jnp.abs(state.v)]
-    size, load = sizes_of_force(machine, force, *motion), force
+    size, load = sizes_of_force(machine, force, motion[0], motion[1]), force
     if own is not None:
         size, load = size + back(jnp.abs(own)), force - contacts.back(own)
-    accelerations, found = [], JustAfter([], [], [], [])
+    accelerations: list[Array] = []
+    found = JustAfter([], [], [], [])
     for order in range(3):
         accelerations.append(contacts.accelerations(load, hold, phase))
         found.forces.append(contacts.contact_force(load, hold, phase))
@@ -68,10 +69,12 @@ def just_after(
         motion.append(reached)
         if order == 2:
             return found
-        rate = (machine.total_force_rate, machine.total_force_curvature)[order]
-        load = rate(state, *accelerations)
+        if order == 0:
+            load = machine.total_force_rate(state, accelerations[0])
+        else:
+            load = machine.total_force_curvature(state, accelerations[0], accelerations[1])
         load = load if own_rates is None else load - contacts.back(own_rates(found.moves))
-        size = sizes_of_force(machine, load, *motion[-2:], order + 1)
+        size = sizes_of_force(machine, load, motion[-2], motion[-1], order + 1)
         phase = machine.phase_rate(phase)
     return found
 
