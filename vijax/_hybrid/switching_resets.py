@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Scalar, matvec
+from .._jax.concrete import stop_gradients
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
 from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, Mode, State, laws_as_numbers
@@ -262,6 +263,7 @@ def _decided_with(
     machine: Machine, state: State, at_rest: AtRest, lightest: Bool[Array, "contacts ..."]
 ) -> tuple[Decision, AtRest]:
     """Decision with the lightest bounces at rest where they die out, and without them elsewhere."""
+    machine, state = stop_gradients((machine, state))
 
     def goes_on(carry: tuple) -> Array:
         _, _, is_found, count = carry
