@@ -21,11 +21,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
-from .._machine.derivatives import contact_forces, derivatives, rates
+from .._machine.derivatives import rates, sizes_of_force
 from .._machine.machine import Machine, moving_with, state_before_contact
+from .._machine.small_matrices import slack_of
 from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
 from .complementarity import solve_complementarity
+from .just_after import just_after, sign_just_after
 from .sticking import (
     chatter_is_complete,
     chatter_time,
@@ -33,7 +35,6 @@ from .sticking import (
     is_light,
     is_nearly_hit,
     is_negligible,
-    is_pressed,
     usual_speeds,
 )
 from .transition import Instant
@@ -67,8 +68,8 @@ def first_state(
         return moving_with(machine, state, *given)
     closed, contact = _holding_after_jump(machine, state, at_rest, contact, jnp.any(at_rest, axis=0))
     hold = contacts.hold(closed)
-    force, *later = contact_forces(machine, state, hold, derivatives(machine, state, hold))
-    held = closed & is_pressed(force, tuple(later))
+    forces, errors, *_ = just_after(machine, state, machine.total_force(state), hold)
+    held = closed & (sign_just_after(forces, errors) >= 0)
     contact = jnp.where(closed & ~held, jnp.int8(3), contact)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
     held, contact = _holding_after_release(machine, state, closed & ~held, held, contact)
@@ -85,7 +86,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     instant = Instant(hit, none, none, v_minus, v_minus, zeros, arrived, state.time, zeros)
     after, instant, torn = jax.lax.cond(
         is_any(hit),
-        lambda: compute_once(impact, machine, state, instant),
+        lambda: compute_once(impact, machine, state, instant)[:3],
         lambda: (state, instant, none),
     )
     if not machine.can_stick:
@@ -100,8 +101,8 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
 
 def impact(
     machine: Machine, state: State, instant: Instant
-) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
-    """State after the impacts, their velocities and impulses, and the closed contacts that they tear open."""
+) -> tuple[State, Instant, Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """State after the impacts, their velocities and impulses, the closed contacts that they tear open, and all impulses."""
     contacts, hit = machine.contacts, instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
@@ -122,7 +123,7 @@ def impact(
     contact = jnp.where(hit | is_open | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
-    return after, instant, is_open
+    return after, instant, is_open, impulse
 
 
 def _stick_and_release(
@@ -226,7 +227,12 @@ def _holding_after_jump(
 ) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
     """Contacts that hold after a jump, among those `at_rest`, and the new `State.contact`."""
     contacts = machine.contacts
-    opening = -contacts.free_pull(machine.total_force(state), state.phase)
+    force = machine.total_force(state)
+    # Touching bodies whose accelerations are equal are not taken apart by rounding.
+    size = contacts.inverse_mass_size(sizes_of_force(machine, force, jnp.abs(state.x), jnp.abs(state.v)))
+    slack = slack_of(contacts.compliance) * (contacts.size(size) + contacts.acceleration_bound())
+    opening = -contacts.free_pull(force, state.phase)
+    opening = jnp.where(jnp.abs(opening) <= slack, 0, opening)
     held, _, opening = solve_complementarity(contacts.compliance, opening, at_rest)
     left = jnp.where(opening > 0, jnp.int8(2), jnp.int8(3))
     left = jnp.where(at_rest, jnp.where(held, jnp.int8(0), left), contact)

@@ -24,7 +24,7 @@ from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.small_matrices import diagonal
 from .._machine.state import State
-from .._machine.switching import FRICTION
+from .._machine.switching import COMPLIANT, FRICTION
 from .friction_limits import sliding_velocity
 from .sticking import chatter_is_complete, is_disturbed, is_light, is_nearly_hit, is_negligible
 from .transition import Instant
@@ -34,6 +34,8 @@ from .transition import Instant
 _TURNED = 100.0
 # Share by which rows that are not parallel differ.
 _PARALLEL = 1e-9
+# Largest speed of the lightest bounces, against what presses their contact within a radian of the fastest motion.
+_SHORT = 1e-6
 
 
 class Chatter(NamedTuple):
@@ -48,6 +50,51 @@ class Chatter(NamedTuple):
     completed: Bool[Array, "contacts ..."]
     comes_to_rest: Bool[Array, "contacts ..."]
     duration: Float[Array, "contacts ..."]
+
+
+def lightest_bounces(machine: Machine, state: State, instant: Instant) -> Bool[Array, "contacts ..."]:
+    """Flags of contacts that bounce, and of friction that slips, so lightly that what they have left to move is rounding.
+
+    In any unit: their speeds and gaps against what the forces do within a radian of the fastest motion.
+    """
+    contacts, mode = machine.contacts, state.mode
+    in_motion = machine.in_mode(state)
+    pull = contacts.size(jnp.abs(contacts.inverse_mass_times(in_motion.total_force(state))))
+    least = float(jnp.finfo(state.x.dtype).eps) ** 0.5
+    is_slow = jnp.abs(sliding_velocity(machine, state)) * in_motion.rate <= least * pull
+    is_near = jnp.abs(state.gap) * in_motion.rate**2 <= least**1.75 * pull
+    friction, compliant = contacts.are(FRICTION), contacts.are(COMPLIANT)
+    bounces = contacts.is_rigid | (compliant & (contacts.laws.preload > 0))
+    is_open = ~state.held & ~state.is_kept_closed
+    flags = is_open & is_slow & jnp.where(friction, mode.direction != 0, bounces & is_near)
+    return flags & jnp.any(instant.hit, axis=0)
+
+
+def die_out(
+    machine: Machine,
+    state: State,
+    lightest: Bool[Array, "contacts ..."],
+    held: Bool[Array, "contacts ..."],
+    kept: Bool[Array, "contacts ..."],
+) -> Bool[Array, "..."]:
+    """Test whether the lightest bounces end at rest: the forces there press all of these contacts, and friction stays.
+
+    Energy and work of the forces on the gaps then fall with every bounce and slip, however these follow each other.
+    `held` and `kept` are the elements that hold, and that others keep closed, once all are at rest.
+    """
+    contacts, laws = machine.contacts, machine.contacts.laws
+    hold = contacts.hold(held)
+    in_motion = machine.in_mode(state)
+    force = in_motion.total_force(state)
+    reaction = contacts.contact_force(force, hold, state.phase)
+    pull = contacts.pull(force, hold, state.phase)
+    most = jnp.where(contacts.is_rigid, jnp.inf, jnp.where(contacts.are(FRICTION), laws.force, laws.preload))
+    friction = contacts.are(FRICTION)
+    speed = jnp.abs(sliding_velocity(machine, state)) * in_motion.rate
+    presses = (reaction > 0) & (speed <= _SHORT * pull) & (reaction < most)
+    stays = jnp.where(friction, jnp.abs(reaction) < most, presses) & held
+    loses = friction | contacts.are(COMPLIANT) | (contacts.light_restitution < 1)
+    return jnp.all(~lightest | ((stays | kept) & loses), axis=0) & jnp.any(lightest, axis=0)
 
 
 def no_chatter(state: State) -> Chatter:

@@ -2,7 +2,7 @@
 
 Impacts come first, by the law of `coupled_impacts.py` among rigid contacts: friction and springs give no impulse. Then
 compliant contacts close and open, and friction arrives at rest or is torn off. At last all elements at rest are decided
-together, see `equilibrium.py`.
+together, see `decision.py`.
 """
 
 from typing import NamedTuple
@@ -13,14 +13,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Scalar, matvec, with_derivative_of
+from .._jax.concrete import stop_gradients
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
-from .._machine.state import FROZEN, Mode, State, laws_as_numbers
+from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, Mode, State, laws_as_numbers
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .._system.checks import is_touching
 from .coupled_impacts import impact
-from .equilibrium import AtRest, settle
-from .friction_chatter import comes_to_rest, complete_chatter, no_chatter
+from .decision import AtRest, Decision, decide
+from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
 from .friction_limits import sliding_velocity
 from .sticking import usual_speeds
 from .transition import Instant, Switches, no_switches
@@ -55,8 +56,7 @@ def first_state(
     contact = jnp.where(touching & ~at_rest & ((speeds < 0) | compliant), jnp.int8(1), state.contact)
     mode = Mode(closed, past & ~closed, direction, state.mode.begins)
     state = eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode))
-    none = jnp.zeros_like(at_rest)
-    return _settled(machine, state, AtRest(at_rest, none, direction, none, none))
+    return _settled(machine, state, AtRest(at_rest, jnp.zeros_like(direction)))
 
 
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."]) -> tuple[State, Instant]:
@@ -71,16 +71,16 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."])
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, no_switches(state))
-    after, torn = state, none
+    after, torn, impulse = state, none, zeros
     if RIGID in machine.contacts.laws.kinds:
-        after, instant, torn = jax.lax.cond(
+        after, instant, torn, impulse = jax.lax.cond(
             is_any(hit),
             lambda: compute_once(impact, machine, state, instant),
-            lambda: (state, instant, none),
+            lambda: (state, instant, none, zeros),
         )
     return jax.lax.cond(
         is_any(is_event),
-        lambda: compute_once(_switch, machine, state, after, instant, events, torn),
+        lambda: compute_once(_switch, machine, state, after, instant, events, torn, impulse),
         lambda: (after, instant),
     )
 
@@ -88,8 +88,8 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."])
 def forces_between_events(machine: Machine, state: State) -> Float[Array, "contacts ..."]:
     """Forces of all elements: which of those at rest carry a load may change between events."""
     rests = state.held | state.is_kept_closed
-    none, nothing = jnp.zeros_like(rests), jnp.zeros_like(state.mode.direction)
-    state = _settled(machine, _without(state, rests), AtRest(rests, none, nothing, none, none))
+    at_rest = AtRest(rests, jnp.zeros_like(state.mode.direction))
+    state = _settled(machine, state, at_rest)
     now = machine.in_mode(state)
     hold = now.hold(state.held)
     reaction = now.contacts.contact_force(now.total_force(state), hold, state.phase)
@@ -114,6 +114,7 @@ def _switch(
     instant: Instant,
     events: Zeros,
     torn: Bool[Array, "stops ..."],
+    impulse: Float[Array, "stops ..."],
 ) -> tuple[State, Instant]:
     """Switch the laws of elements after all impacts of this instant, and decide which elements at rest hold."""
     contacts, hit = machine.contacts, instant.hit
@@ -122,7 +123,7 @@ def _switch(
     speed = sliding_velocity(machine, state)
     was_at_rest = before.held | before.is_kept_closed
     # Elements whose speed this instant's impacts change.
-    is_struck = ~rigid & _is_struck(machine, instant)
+    is_struck = ~rigid & _is_struck(machine, impulse)
     is_set_off = was_at_rest & is_struck
     stays = was_at_rest & ~torn & ~is_set_off
 
@@ -130,10 +131,13 @@ def _switch(
     if COMPLIANT in contacts.laws.kinds:
         state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
     direction = state.mode.direction
-    # An impact without rebound may end the sliding of an element along its row.
+    # An impact without rebound may end the sliding of an element along its row. Elements side by side arrive together.
     size = contacts.size(jnp.abs(before.v)) + jnp.abs(contacts.laws.velocity)
+    size = size + jnp.where(is_struck, 0, usual_speeds(machine, before))
+    arrives = friction & (direction != 0) & (events.first & ~is_struck | _is_rounding(speed, size))
+    events = Zeros(events.first | arrives & ~is_struck, events.second)
     is_stopped = friction & is_struck & _is_rounding(speed, size)
-    arrives = (friction & (direction != 0) & events.first & ~is_struck) | is_stopped
+    arrives = arrives | is_stopped
     new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
     direction = jnp.where(arrives, 0, new).astype(jnp.int8)
     # Friction beside a contact that held slides as soon as an impact tears that away.
@@ -156,18 +160,18 @@ def _switch(
             lambda: (none, none),
         )
     is_plastic = hit & (instant.velocity_plus == 0)
-    let_go = stays & before.held & (events.first | events.second)
+    # Elements that have left at this very instant, with no speed, are still at rest.
+    has_left = (state.contact >= jnp.where(friction, 1, 2)) & ~hit & ~torn & ~is_struck
     settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
-    settles = settles | (compliant & at_limit & (speed == 0) & ~was_at_rest)
-    settles = settles | (is_jump & rigid & ~hit & ~torn & (state.contact >= 2))
-    ahead = jnp.where(friction, events.first, events.second)
-    push = jnp.where(ahead, jnp.int8(1), jnp.where(friction, jnp.int8(-1), jnp.int8(0)))
-    saturated = stays & friction & before.is_kept_closed & (direction != 0)
-    push = jnp.where(saturated, direction, push)
-    at_rest = AtRest(settles, let_go, push, saturated, (let_go & is_jump) | saturated)
-    state = _without(state, settles)
+    settles = settles | has_left | (compliant & at_limit & (speed == 0) & ~was_at_rest)
+    # First guards are those of the lower bound of a contact, and of the upper one of friction.
+    side = jnp.where(events.first, -1, jnp.where(events.second, 1, 0))
+    side = jnp.where(stays & before.held & ~is_jump, jnp.where(friction, -side, side), 0)
+    lightest = lightest_bounces(machine, state, instant) & ~settles if RIGID in contacts.laws.kinds else none
     after = jax.lax.cond(
-        is_any(settles), lambda: compute_once(_settled, machine, state, at_rest), lambda: state
+        is_any(settles | lightest),
+        lambda: compute_once(_settled, machine, state, AtRest(settles, side.astype(jnp.int8)), lightest),
+        lambda: state,
     )
     return after, logged(machine, before, after, instant, events, chatter.duration)
 
@@ -177,12 +181,9 @@ def _is_rounding(speed: Array, size: Array) -> Bool[Array, "contacts ..."]:
     return jnp.abs(speed) <= 64 * float(jnp.finfo(size.dtype).eps) * size
 
 
-def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."]:
-    """Flags of elements whose speed the impacts change, by more than rounding."""
-    if RIGID not in machine.contacts.laws.kinds:
-        return jnp.zeros_like(instant.hit)
-    compliance, impulse = machine.contacts.compliance, instant.impulse
-    assert impulse is not None
+def _is_struck(machine: Machine, impulse: Float[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
+    """Flags of elements whose speed the impulses of all contacts change, by more than rounding."""
+    compliance = machine.contacts.compliance
     change = matvec(compliance, impulse)
     size = matvec(jnp.abs(compliance), jnp.abs(impulse))
     return jnp.abs(change) > 64 * len(compliance) * float(jnp.finfo(size.dtype).eps) * size
@@ -225,12 +226,18 @@ def _without(state: State, elements: Bool[Array, "contacts ..."]) -> State:
     return eqx.tree_at(lambda s: (s.mode, s.held), state, (without, state.held & ~elements))
 
 
-def _settled(machine: Machine, state: State, at_rest: AtRest) -> State:
-    """State with the elements at rest decided."""
-    contacts, found = machine.contacts, settle(machine, state, at_rest)
-    friction, mode = contacts.are(FRICTION), state.mode
-    yields = at_rest.elements & ~friction & (found.push == 1)
-    direction = jnp.where(at_rest.elements & friction, found.push, mode.direction).astype(jnp.int8)
+def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | None = None) -> State:
+    """State with the elements at rest decided; those of the lightest bounces among them, if these end so."""
+    contacts = machine.contacts
+    if lightest is None or RIGID not in contacts.laws.kinds:
+        found = decide(machine, _without(state, at_rest.elements), at_rest)
+    else:
+        found, at_rest = _decided_with(machine, state, at_rest, lightest)
+    state = _without(state, at_rest.elements)
+    friction, mode, elements = contacts.are(FRICTION), state.mode, at_rest.elements
+    yields = elements & ~friction & (found.act == 1)
+    slips = jnp.where(found.kept, SATURATED, 1) * found.act
+    direction = jnp.where(elements & friction, slips, mode.direction).astype(jnp.int8)
     mode = Mode(mode.closed | yields, mode.inside, direction, mode.begins)
     state = eqx.tree_at(lambda s: s.mode, state, mode)
     held = state.held | found.held
@@ -239,13 +246,47 @@ def _settled(machine: Machine, state: State, at_rest: AtRest) -> State:
         lambda: contacts.brought_to_rest(state.x, state.v, held, state.phase, machine.in_mode(state).damping),
         lambda: (state.x, state.v),
     )
-    gap = jnp.where(held & ~friction, 0, state.gap)
-    names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
+    gap = jnp.where((held | found.kept) & ~friction, 0, state.gap)
+    # The guard of friction is a velocity, and vanishes to one order less than a gap.
+    moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3)) - friction.astype(jnp.int8)
+    contact = jnp.where(found.held, jnp.int8(0), jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
+    contact = jnp.where(elements, contact, state.contact)
     # On a belt a gap still changes.
     is_still = _is_rounding(contacts.speeds(v, machine.phase_rate(state.phase)), contacts.size(jnp.abs(v)))
     is_frozen = found.depends & ~state.held & (is_still | friction)
-    contact = jnp.where(is_frozen, jnp.int8(FROZEN), found.contact)
+    contact = jnp.where(is_frozen, jnp.int8(FROZEN), contact)
+    names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
     return eqx.tree_at(names, state, (x, v, gap, held, contact))
+
+
+def _decided_with(
+    machine: Machine, state: State, at_rest: AtRest, lightest: Bool[Array, "contacts ..."]
+) -> tuple[Decision, AtRest]:
+    """Decision with the lightest bounces at rest where they die out, and without them elsewhere."""
+    machine, state = stop_gradients((machine, state))
+
+    def goes_on(carry: tuple) -> Array:
+        _, _, is_found, count = carry
+        return is_any(~is_found) & (count < 2)
+
+    def once_more(carry: tuple) -> tuple:
+        last, among, is_found, count = carry
+        among = jnp.where(is_found, among, at_rest.elements | (lightest & (count == 0)))
+        without = _without(state, among)
+        found = decide(machine, without, AtRest(among, at_rest.at_bound))
+        ends = (
+            ~jnp.any(lightest, axis=0)
+            | (count > 0)
+            | die_out(machine, without, lightest, found.held, found.kept)
+        )
+        found = jax.tree.map(lambda a, b: jnp.where(is_found, a, b), last, found)
+        return found, among, is_found | ends, count + 1
+
+    none = jnp.zeros_like(lightest)
+    start = Decision(jnp.zeros_like(at_rest.at_bound), none, none, none, none)
+    first = (start, none, jnp.zeros_like(none[0]), jnp.array(0))
+    found, among, *_ = jax.lax.while_loop(goes_on, once_more, first)
+    return found, AtRest(among, at_rest.at_bound)
 
 
 def logged(
@@ -264,7 +305,7 @@ def logged(
     comes, goes = ~rests(before) & rests(after), rests(before) & ~rests(after)
     old, new = before.mode.direction, after.mode.direction
     # The direction after an impact is no event of its own: only that at a zero of the sliding velocity is.
-    turned = friction & events.first & (old * new < 0)
+    turned = friction & events.first & (old * new == -1)
     unlogged = (before.held != after.held) | (before.mode.inside != after.mode.inside)
     switched = Switches(
         closed=pushes(after) & ~pushes(before),

@@ -254,7 +254,7 @@ class Contacts(eqx.Module):
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
         """Acceleration towards each contact with only this contact released."""
-        free = self._accelerated_towards(self.accelerations(force, hold, phase), phase)
+        free = self.accelerated_towards(self.accelerations(force, hold, phase), phase)
         inertia = diagonal(hold.inertia)
         pressing = self.contact_force(force, hold, phase)
         return jnp.where(hold.held, pressing / jnp.where(inertia > 0, inertia, 1), free)
@@ -263,9 +263,15 @@ class Contacts(eqx.Module):
         """Flags of contacts that hold but whose row depends on other held ones."""
         return hold.held & (diagonal(hold.inertia) == 0)
 
-    def depend_on(self, members: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
-        """Flags of contacts whose rows and motions depend on those of `members`: they stay closed while these do."""
-        share = matrix_product(self.compliance, inverse_among(self.compliance, members))
+    def depend_on(
+        self, members: Bool[Array, "contacts ..."], inertia: Array | None = None
+    ) -> Bool[Array, "contacts ..."]:
+        """Flags of contacts whose rows and motions depend on those of `members`: they stay closed while these do.
+
+        `inertia` is that of their `Hold`, if it is known.
+        """
+        inertia = inverse_among(self.compliance, members) if inertia is None else inertia
+        share = matrix_product(self.compliance, inertia)
         whole = diagonal(self.compliance)
         slack = slack_of(self.compliance)
         rest = whole - jnp.sum(share * self.compliance, axis=1)
@@ -286,9 +292,10 @@ class Contacts(eqx.Module):
         self, force: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
         """Acceleration towards each contact with no contact held."""
-        return self._accelerated_towards(self.inverse_mass_times(force), phase)
+        return self.accelerated_towards(self.inverse_mass_times(force), phase)
 
-    def _accelerated_towards(self, acceleration: Array, phase: Array) -> Float[Array, "contacts ..."]:
+    def accelerated_towards(self, acceleration: Array, phase: Array) -> Float[Array, "contacts ..."]:
+        """Accelerations along the rows, relative to those of the contacts."""
         along = self.along(acceleration)
         return along if self.walls is None else along - self._accelerated().at(phase)
 
@@ -395,6 +402,14 @@ class Contacts(eqx.Module):
     def inverse_mass_times(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         """M^-1 . y: accelerations from forces with no contact held, or velocities from impulses."""
         return matvec(self.inverse_mass, force) if self._has_full_mass else self.inverse_mass * force
+
+    def inverse_mass_size(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """|M^-1| . y: bounds of accelerations, from those of forces."""
+        return matvec(jnp.abs(self.inverse_mass), force) if self._has_full_mass else self.inverse_mass * force
+
+    def acceleration_bound(self, order: int = 0) -> Array | float:
+        """Bound of the accelerations of the contacts, or of a derivative of them."""
+        return 0.0 if self.walls is None else self.frequency ** (order + 2) * self.walls.bound(order + 2)
 
     def back(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "n ..."]:
         """A^T . y: forces or impulses on the masses from those of the contacts."""

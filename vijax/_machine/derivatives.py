@@ -3,8 +3,10 @@
 from itertools import accumulate, repeat
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jax.arrays import matvec
 from .contacts import Held
 from .machine import Machine
 from .state import State
@@ -57,6 +59,27 @@ def contact_forces(machine: Machine, state: State, hold: Held, now: Derivatives)
     forces = now.force, now.force_rate, now.force_curvature
     phases = _phases(machine, state, len(forces))
     return [machine.contacts.contact_force(f, hold, p) for f, p in zip(forces, phases, strict=True)]
+
+
+def sizes_of_force(
+    machine: Machine,
+    load: Float[Array, "n ..."],
+    x_size: Float[Array, "n ..."],
+    v_size: Float[Array, "n ..."],
+    order: int = 0,
+) -> Float[Array, "n ..."]:
+    """Sum of the sizes of the terms of a force, or of a derivative of it: what its rounding errors are relative to.
+
+    Args:
+        machine: the machine.
+        load: the force, or its derivative.
+        x_size: sizes of the positions, or of their derivative of the same order.
+        v_size: those of the velocities.
+        order: of the derivative.
+    """
+    own = jnp.abs(load) + machine.frequency**order * machine.waves.bound(order)
+    own = own if order else own + jnp.abs(machine.mean)
+    return own + matvec(jnp.abs(machine.damping), v_size) + matvec(jnp.abs(machine.stiffness), x_size)
 
 
 def approaches(machine: Machine, state: State, now: Rates) -> list[Array]:

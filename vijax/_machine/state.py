@@ -12,6 +12,8 @@ from .._jax.arrays import Scalar
 KEPT_CLOSED = 4
 # Value of `State.contact` for an open element whose gap, or sliding velocity, is constant, as others hold its row.
 FROZEN = 5
+# Size of `Mode.direction` for friction that others keep at rest while its force is at the bound of its grip.
+SATURATED = 2
 
 
 class Mode(eqx.Module):
@@ -23,7 +25,8 @@ class Mode(eqx.Module):
     Attributes:
         closed: compliant contacts that push.
         inside: compliant contacts past their position that do not push, as their damper lags behind.
-        direction: sign of the sliding velocity of friction that slips; 0 for all else.
+        direction: sign of the sliding velocity of friction that slips; that of its force, times `SATURATED`, where others
+            keep it at rest with its grip; 0 for all else.
         begins: as `State.contact`, for the second guard of an element.
     """
 
@@ -104,6 +107,7 @@ def with_laws(state: State, numbers: Int[Array, "contacts ..."]) -> State:
         (numbers == BEHIND) | (numbers == KEPT_BEHIND),
     )
     direction = ahead.astype(jnp.int8) - behind.astype(jnp.int8)
+    direction = jnp.where(numbers >= KEPT, SATURATED * direction, direction).astype(jnp.int8)
     mode = Mode(numbers == CLOSED, numbers == INSIDE, direction, jnp.zeros_like(direction))
     contact = jnp.where((numbers >= KEPT) & (numbers < STICKING), jnp.int8(KEPT_CLOSED), jnp.int8(0))
     held = (numbers == HELD) | (numbers == STICKING)

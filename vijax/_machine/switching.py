@@ -23,7 +23,7 @@ from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
 from .contacts import Contacts, Hold
 from .small_matrices import inverse_among
-from .state import Mode, State
+from .state import SATURATED, Mode, State
 
 RIGID, COMPLIANT, FRICTION = 0, 1, 2
 
@@ -158,16 +158,6 @@ class SwitchingContacts(Contacts):
         lack = jnp.where(held, self.speeds(v, rate), 0)
         return x + way, v - self._by(inverse_among(self.compliance, held), lack)
 
-    def relative_acceleration(
-        self, acceleration: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
-    ) -> Float[Array, "contacts ..."]:
-        """Accelerations along the rows, relative to those of the contacts."""
-        return self._accelerated_towards(acceleration, phase)
-
-    def inverse_mass_size(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-        """|M^-1| . y: bounds of accelerations, from those of forces."""
-        return matvec(jnp.abs(self.inverse_mass), force) if self._has_full_mass else self.inverse_mass * force
-
     def without_speeds(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
@@ -192,13 +182,19 @@ class SwitchingContacts(Contacts):
         assert mode is not None
         speed = self.speeds(state.v, phase_rate(state.phase, self.frequency))
         pushing = self.spring_force(self.gaps(state.x, state.phase), speed)
-        return jnp.where(mode.closed, pushing, mode.direction * self.laws.force)
+        return jnp.where(mode.closed, pushing, self._rubbing(mode))
 
     def load_of(self, mode: Mode) -> Float[Array, "n ..."]:
         """Constant part of the forces of the elements on the masses, in a mode."""
         laws = self.laws
         spring = jnp.where(mode.closed, laws.stiffness * self.limit - laws.preload, 0)
-        return self.back(spring - mode.direction * laws.force)
+        return self.back(spring - self._rubbing(mode))
+
+    def _rubbing(self, mode: Mode) -> Float[Array, "contacts ..."]:
+        """Forces T of friction that does not hold: of slip, and at the bound of the grip where others keep it at rest."""
+        return jnp.sign(mode.direction) * jnp.where(
+            jnp.abs(mode.direction) == SATURATED, self.laws.grip, self.laws.force
+        )
 
     def matrices_of(self, closed: Bool[Array, "contacts ..."]) -> tuple[Array, Array]:
         """Stiffness and damping that closed compliant contacts add, (n, n) each."""

@@ -1,0 +1,206 @@
+"""The decision of an instant: what each element that is closed and at rest does from now on.
+
+An element at rest does one of three things, its act:
+
+| act | rigid contact | preloaded compliant contact | friction |
+| --- | --- | --- | --- |
+| 0, holds | force >= 0 | force from 0 to the preload | force within the grip |
+| -1, gives way to below | opens | opens | slips backwards |
+| 1, gives way to above | never | yields | slips ahead |
+
+An element that gives way has the force of its bound, and must then move that way. A set of acts stands if all elements
+agree, not at this instant alone but just after it: a number that is zero to rounding is decided by its first derivative that
+is not. So an element at its bound neither returns nor stays by rounding, and what is zero all along is a hold. "Zero" is
+meant against the sizes of the terms, in any unit.
+
+Among the sets that stand, the one in which most friction sticks is taken, then most contacts hold: friction whose grip is
+above its force can have several; the motion of all others is unique. Rows that depend on others that hold are at rest
+with them, whatever their forces: these are not unique, and those of bounds (grip, preload, zero) with independent rows
+between are enough. So elements side by side, or around a loop, hold as long as some forces within their bounds do.
+
+Up to `_ENUMERATED` elements at rest all sets are tried, `_BATCH` at a time. Of more, these are the starts of pivots: all
+elements in conflict change their act at once, later one at a time (as principal pivots of linear complementarity: K. G.
+Murty, Linear Algebra Appl. 7 (1974)).
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from .._jax.concrete import stop_gradients
+from .._jax.xla import is_any
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._machine.switching import FRICTION, RIGID
+from .just_after import just_after, sign_just_after
+
+# Number of elements at rest up to which all sets are tried, of sets tried at once, of elements whose acts these differ in.
+_ENUMERATED, _BATCH, _DIFFERING = 5, 27, 3
+# Maximum number of pivots, and number of those that change several acts at once.
+_PIVOTS, _JOINT_PIVOTS = 64, 16
+_ACTS = np.array([0, -1, 1], np.int8)
+# Score of a conflict, of friction at rest, of any other element at rest.
+_CONFLICT, _STICKS, _HOLDS = -10_000, 100, 1
+
+
+class AtRest(NamedTuple):
+    """Elements at rest, (contacts,) each.
+
+    Attributes:
+        elements: flags of the elements at rest; all others keep their mode.
+        at_bound: sign of the bound that the force of an element that holds has reached at this instant; 0 for all else.
+    """
+
+    elements: Bool[Array, "contacts ..."]
+    at_bound: Int[Array, "contacts ..."]
+
+
+class Decision(NamedTuple):
+    """What elements at rest do, (contacts,) each.
+
+    Attributes:
+        act: see the head of this file; 0 for elements that are not at rest.
+        held: flags of elements that hold and carry a force.
+        kept: flags of elements at rest whose row depends on those held; friction that gives way there has its grip.
+        depends: flags of all other elements whose rows depend on those held.
+        jumps: flags of elements that move away with an acceleration, not with a jerk alone.
+    """
+
+    act: Int[Array, "contacts ..."]
+    held: Bool[Array, "contacts ..."]
+    kept: Bool[Array, "contacts ..."]
+    depends: Bool[Array, "contacts ..."]
+    jumps: Bool[Array, "contacts ..."]
+
+
+def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
+    """Decide what the elements at rest do; in `state.mode` they have no part."""
+    machine, state = stop_gradients((machine, state))
+    machine = machine.in_mode(state)
+    force = machine.total_force(state)
+    elements = at_rest.elements
+    count = jnp.sum(elements, axis=0)
+    judge = jax.vmap(lambda act: _judged(machine, state, force, at_rest, act))
+    first = jnp.where(elements[None], _acts_of(elements, jnp.arange(min(_BATCH, 3 ** len(elements)))), 0)
+    found = judge(first)
+    best = _best_of(found)
+    if len(elements) <= _DIFFERING:
+        return best.decision
+    num_batches = jnp.where(count <= _ENUMERATED, _powers(count - _DIFFERING), _PIVOTS)
+    num_batches = jnp.where(best.score >= _most(machine, elements), 0, num_batches)
+
+    def goes_on(carry: tuple) -> Array:
+        turn, _, _, best = carry
+        is_found = (count > _ENUMERATED) & (best.score >= 0)
+        return is_any((turn < num_batches) & ~is_found)
+
+    def turned(carry: tuple) -> tuple:
+        turn, acts, proposed, best = carry
+        many = turn <= _JOINT_PIVOTS
+        single = jnp.cumsum(proposed != acts, axis=1) == 1
+        pivoted = jnp.where(many | single, proposed, acts)
+        listed = _acts_of(elements, jnp.arange(_BATCH) + _BATCH * turn)
+        acts = jnp.where(elements[None], jnp.where(count <= _ENUMERATED, listed, pivoted), 0)
+        found = judge(acts)
+        new = _best_of(found)
+        # Beyond the last set of a lane the sets repeat themselves.
+        best = jax.tree.map(lambda a, b: jnp.where(new.score > best.score, a, b), new, best)
+        return turn + 1, acts, found.proposed, best
+
+    return jax.lax.while_loop(goes_on, turned, (jnp.array(1), first, found.proposed, best))[-1].decision
+
+
+class _Judged(NamedTuple):
+    """A set of acts: its score, not negative if it stands; the acts after a pivot; what it means."""
+
+    score: Int[Array, "..."]
+    proposed: Int[Array, "contacts ..."]
+    decision: Decision
+
+
+def _most(machine: Machine, elements: Array) -> Array:
+    """Score of a set in which all elements hold."""
+    return jnp.sum(jnp.where(elements, _worth(machine), 0), axis=0)
+
+
+def _worth(machine: Machine) -> Array:
+    return jnp.where(machine.contacts.are(FRICTION), _STICKS, _HOLDS)
+
+
+def _acts_of(elements: Array, codes: Array) -> Int[Array, "sets contacts ..."]:
+    """Acts of sets by their numbers, whose ternary digits belong to the elements at rest in their order."""
+    rank = jnp.cumsum(elements, axis=0) - 1
+    digit = codes.reshape(-1, *[1] * elements.ndim) // _powers(rank)[None] % 3
+    return jnp.asarray(_ACTS)[digit]
+
+
+def _powers(exponent: Array) -> Array:
+    """Powers of three, of zero and more."""
+    return jnp.asarray(3 ** np.arange(13))[jnp.clip(exponent, 0, 12)]
+
+
+def _best_of(found: _Judged) -> _Judged:
+    """The first of those with the highest score."""
+    is_best = found.score == jnp.max(found.score, axis=0)
+    is_best = is_best & (jnp.cumsum(is_best, axis=0) == 1)
+
+    def of_best(a: Array) -> Array:
+        chosen = jnp.where(
+            is_best.reshape(len(is_best), *[1] * (a.ndim - is_best.ndim), *is_best.shape[1:]), a, 0
+        )
+        return jnp.sum(chosen, axis=0).astype(a.dtype)
+
+    return jax.tree.map(of_best, found)
+
+
+def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: Array) -> _Judged:
+    """Judge a set of acts by the forces and accelerations that it leads to, and their derivatives."""
+    contacts, elements = machine.contacts, at_rest.elements
+    laws, are = contacts.laws, contacts.are
+    friction, rigid = are(FRICTION), are(RIGID)
+    holds = elements & (act == 0)
+    hold = contacts.hold(holds)
+    depends = contacts.depend_on(holds, hold.inertia) & ~holds
+    idle = contacts.is_redundant(hold)
+    bound = jnp.where(friction, jnp.where(depends, laws.grip, laws.force), laws.preload)
+    pushes = elements & jnp.where(friction, ~holds, act == 1)
+    own = jnp.where(pushes, act * bound, 0)
+
+    def spring_rates(moves: list[Array]) -> Array:
+        # F0 + k d + c d' of a spring at d = 0 and d' = 0.
+        rate = (
+            laws.damping * moves[-1]
+            if len(moves) == 1
+            else laws.damping * moves[-1] + laws.stiffness * moves[-2]
+        )
+        return jnp.where(pushes & ~friction, rate, 0)
+
+    forces, errors, moves, move_errors = just_after(machine, state, force, hold, own, spring_rates)
+    most = jnp.where(rigid, jnp.inf, jnp.where(friction, laws.grip, laws.preload))
+    least = jnp.where(friction, -laws.grip, 0)
+    # A bound that the force was found to reach is reached exactly.
+    known = [jnp.where(holds, at_rest.at_bound, 0) == side for side in (1, -1)]
+    near = errors[0] * float(jnp.finfo(force.dtype).eps) ** -0.5
+    room = [jnp.where(rigid, jnp.inf, most - forces[0]), forces[0] - least]
+    room = [jnp.where(k & (jnp.abs(r) <= near), 0, r) for k, r in zip(known, room, strict=True)]
+    above = sign_just_after([room[0], -forces[1], -forces[2]], errors) < 0
+    below = sign_just_after([room[1], forces[1], forces[2]], errors) < 0
+    motion = sign_just_after(moves, move_errors)
+    carried = idle & (motion != 0) & ~(rigid & (motion > 0))
+    if contacts.walls is None:
+        carried = jnp.zeros_like(idle)
+    above, below = (holds & ~idle & a | carried & (motion == s) for a, s in ((above, 1), (below, -1)))
+    returns = elements & ~holds & ~depends & (act * motion < 0)
+    impossible = elements & rigid & (act == 1)
+    wrong = above | below | returns | impossible
+    proposed = jnp.where(above, jnp.int8(1), jnp.where(below, jnp.int8(-1), jnp.int8(0)))
+    proposed = jnp.where(wrong, proposed, act).astype(jnp.int8)
+    held = holds & ~idle
+    kept = elements & (idle | depends)
+    worth = jnp.where(held | kept, _worth(machine), 0)
+    score = jnp.sum(jnp.where(wrong, _CONFLICT, worth), axis=0)
+    jumps = jnp.abs(moves[0]) > move_errors[0]
+    return _Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps))

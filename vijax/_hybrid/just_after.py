@@ -1,0 +1,89 @@
+"""Forces and accelerations just after an instant: their values and first derivatives, and what of them is rounding."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._jax.arrays import matvec
+from .._machine.contacts import Held
+from .._machine.derivatives import sizes_of_force
+from .._machine.machine import Machine
+from .._machine.small_matrices import slack_of
+from .._machine.state import State
+
+
+class JustAfter(NamedTuple):
+    """Lists of a value and its first two derivatives, and of their rounding errors, (contacts,) each.
+
+    Attributes:
+        forces: of the elements that hold.
+        force_errors: rounding errors of `forces`.
+        moves: accelerations along all rows, relative to those of the contacts.
+        move_errors: rounding errors of `moves`.
+    """
+
+    forces: list[Float[Array, "contacts ..."]]
+    force_errors: list[Float[Array, "contacts ..."]]
+    moves: list[Float[Array, "contacts ..."]]
+    move_errors: list[Float[Array, "contacts ..."]]
+
+
+def just_after(
+    machine: Machine,
+    state: State,
+    force: Float[Array, "n ..."],
+    hold: Held,
+    own: Float[Array, "contacts ..."] | None = None,
+    own_rates: Callable | None = None,
+) -> JustAfter:
+    """Forces and accelerations with the contacts of `hold` closed.
+
+    Args:
+        machine: the machine.
+        state: the state.
+        force: force on the masses without that of any element at rest.
+        hold: the contacts that hold.
+        own: forces of elements at rest that give way; they act against `force`.
+        own_rates: their next derivative, from the accelerations along the rows and their derivatives; 0 if left out.
+    """
+    contacts, phase = machine.contacts, state.phase
+    noise = slack_of(contacts.compliance)
+    back = lambda a: matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), a)  # noqa: E731
+    motion = [jnp.abs(state.x), jnp.abs(state.v)]
+    size, load = sizes_of_force(machine, force, motion[0], motion[1]), force
+    if own is not None:
+        size, load = size + back(jnp.abs(own)), force - contacts.back(own)
+    accelerations: list[Array] = []
+    found = JustAfter([], [], [], [])
+    for order in range(3):
+        accelerations.append(contacts.accelerations(load, hold, phase))
+        found.forces.append(contacts.contact_force(load, hold, phase))
+        found.moves.append(contacts.accelerated_towards(accelerations[-1], phase))
+        wall = jnp.zeros_like(contacts.limit) + contacts.acceleration_bound(order)
+        of_forces = matvec(jnp.abs(hold.reaction), size) + matvec(jnp.abs(hold.inertia), wall)
+        reached = contacts.inverse_mass_size(size + back(of_forces))
+        found.force_errors.append(noise * of_forces)
+        found.move_errors.append(noise * (contacts.size(reached) + wall))
+        motion.append(reached)
+        if order == 2:
+            return found
+        if order == 0:
+            load = machine.total_force_rate(state, accelerations[0])
+        else:
+            load = machine.total_force_curvature(state, accelerations[0], accelerations[1])
+        load = load if own_rates is None else load - contacts.back(own_rates(found.moves))
+        size = sizes_of_force(machine, load, motion[-2], motion[-1], order + 1)
+        phase = machine.phase_rate(phase)
+    return found
+
+
+def sign_just_after(
+    values: list[Float[Array, "contacts ..."]], errors: list[Float[Array, "contacts ..."]]
+) -> Float[Array, "contacts ..."]:
+    """Sign of a function just after an instant, from its value and derivatives there: of the first that is not rounding."""
+    sign = jnp.zeros_like(values[0])
+    for value, error in zip(values[::-1], errors[::-1], strict=True):
+        sign = jnp.where(jnp.abs(value) <= error, sign, jnp.sign(value))
+    return sign
