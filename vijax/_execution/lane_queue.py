@@ -93,12 +93,14 @@ class LaneProgram(NamedTuple):
 # lanes: it divides larger operations among threads, which a kernel cannot contain. The default of lanes has room for
 # the largest machine.
 _LARGEST = 32
+# Most of them whose numbers each point has for itself: matrices of more, one for each lane, leave the cache.
+_FEW = 8
 _MOST_LANES, _MOST_NUMBERS = 2 * DEFAULT_SETTINGS.lanes, UNROLLED * DEFAULT_SETTINGS.lanes
 
 
 def are_small(points: Points) -> bool:
-    """True for machines small enough that the loop over lanes is one kernel, if the lanes are few enough."""
-    return steps_fit_one_kernel(points.numbers, points.flow, UNROLLED)
+    """True for machines of few numbers, whose loop over lanes is one kernel, if the lanes are few enough."""
+    return steps_fit_one_kernel(points.numbers, points.flow, _FEW)
 
 
 def _fit_one_kernel(points: Points, num_lanes: int) -> bool:
