@@ -134,12 +134,13 @@ def _acts_of(elements: Array, codes: Array) -> Int[Array, "sets contacts ..."]:
     """Acts of sets by their numbers, whose ternary digits belong to the elements at rest in their order."""
     rank = jnp.cumsum(elements, axis=0) - 1
     digit = codes.reshape(-1, *[1] * elements.ndim) // _powers(rank)[None] % 3
-    return jnp.asarray(_ACTS)[digit]
+    # By selections: steps written out element by element have no lookup in a table.
+    return jnp.select([digit == k for k in range(len(_ACTS))], list(map(jnp.asarray, _ACTS)))
 
 
 def _powers(exponent: Array) -> Array:
     """Powers of three, of zero and more."""
-    return jnp.asarray(3 ** np.arange(13))[jnp.clip(exponent, 0, 12)]
+    return 3 ** jnp.clip(exponent, 0, 12)
 
 
 def _best_of(found: _Judged) -> _Judged:
