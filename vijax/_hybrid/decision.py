@@ -59,7 +59,7 @@ class AtRest(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What elements at rest do, (contacts,) each.
+    """Acts of the elements at rest and their consequences, (contacts,) each.
 
     Attributes:
         act: see the head of this file; 0 for elements that are not at rest.

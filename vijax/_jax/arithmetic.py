@@ -67,9 +67,8 @@ def _is_arithmetic(static: tuple, of_static: Any, of_arrays: Any, kinds: tuple) 
 
 
 def _consists_of_arithmetic(program: Any) -> bool:
-    literals: set = (
-        set()
-    )  # variables made of literals alone, which are places of elements in `x.at[0].set(y)`
+    # Variables made of literals alone, which are places of elements in `x.at[0].set(y)`.
+    literals: set = set()
     for equation in program.eqns:
         if equation.primitive.name in _SCATTERS:
             indices = equation.invars[1]

@@ -187,7 +187,7 @@ class Stops(Contacts):
 
 
 class Places(eqx.Module):
-    """Where many stops are among the masses; arrays have a last axis of length one where others have lanes.
+    """Places of many stops among the masses; arrays have a last axis of length one where others have lanes.
 
     Attributes:
         mass: mass of each stop, (contacts,).
