@@ -99,3 +99,24 @@ def test_derivatives_of_a_batch_of_batches():
     slopes = [c * jax.grad(end, 1)(x, 1.1 * c) for x in starts for c in factors]
     for derivative in (jax.grad, jax.jacfwd):
         np.testing.assert_allclose(derivative(total)(1.1), sum(slopes), rtol=1e-11)
+
+
+@pytest.mark.thorough
+def test_lanes_without_an_event_stay_as_they_are():
+    """Friction beside a stop that holds leaves elements without events, which the events of other lanes once opened."""
+    free = vx.models.two_sided_oscillator(3.0, damping_ratio=0.01)
+    given = free.mass, free.damping, free.stiffness, free.forcing, free.stops
+    system = vx.ImpactSystem(*given, friction=[vx.Friction(0, 0.05)])
+
+    def end(v0):
+        return vx.simulate(
+            system, 0.0, END, [0.33369921634684335], v0[None], max_events=100, max_steps=1000, throw=False
+        )
+
+    speeds = jnp.linspace(2.875, 2.885, 64)
+    batch = jax.jit(jax.vmap(end))(speeds)
+    sticks = np.array(batch.events.kind == vx.STICK).sum(axis=1)
+    assert (sticks > 1).any()
+    assert (sticks == 0).any()
+    for k, v0 in enumerate(speeds):
+        assert_alike(batch, (k,), end(v0))

@@ -18,9 +18,9 @@ above its force can have several; the motion of all others is unique. Rows that 
 with them, whatever their forces: these are not unique, and those of bounds (grip, preload, zero) with independent rows
 between are enough. So elements side by side, or around a loop, hold as long as some forces within their bounds do.
 
-Up to `_ENUMERATED` elements at rest all sets are tried, `_BATCH` at a time. Of more, these are the starts of pivots: all
-elements in conflict change their act at once, later one at a time (as principal pivots of linear complementarity: K. G.
-Murty, Linear Algebra Appl. 7 (1974)).
+Up to `_ENUMERATED` elements at rest all sets are tried, one after the other. Of more, the first are the starts of pivots:
+all elements in conflict change their act at once, later one at a time (as principal pivots of linear complementarity:
+K. G. Murty, Linear Algebra Appl. 7 (1974)).
 """
 
 from typing import NamedTuple
@@ -37,10 +37,9 @@ from .._machine.state import State
 from .._machine.switching import FRICTION, RIGID
 from .just_after import just_after, sign_just_after
 
-# Number of elements at rest up to which all sets are tried, of sets tried at once, of elements whose acts these differ in.
-_ENUMERATED, _BATCH, _DIFFERING = 5, 27, 3
-# Maximum number of pivots, and number of those that change several acts at once.
-_PIVOTS, _JOINT_PIVOTS = 64, 16
+# Number of elements at rest up to which all sets are tried; of more, number of starts, of pivots from each, and of those
+# that change several acts at once.
+_ENUMERATED, _STARTS, _PIVOTS, _JOINT_PIVOTS = 5, 27, 64, 16
 _ACTS = np.array([0, -1, 1], np.int8)
 # Score of a conflict, of friction at rest, of any other element at rest.
 _CONFLICT, _STICKS, _HOLDS = -10_000, 100, 1
@@ -83,34 +82,34 @@ def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
     force = machine.total_force(state)
     elements = at_rest.elements
     count = jnp.sum(elements, axis=0)
-    judge = jax.vmap(lambda act: _judged(machine, state, force, at_rest, act))
-    first = jnp.where(elements[None], _acts_of(elements, jnp.arange(min(_BATCH, 3 ** len(elements)))), 0)
-    found = judge(first)
-    best = _best_of(found)
-    if len(elements) <= _DIFFERING:
-        return best.decision
-    num_batches = jnp.where(count <= _ENUMERATED, _powers(count - _DIFFERING), _PIVOTS)
-    num_batches = jnp.where(best.score >= _most(machine, elements), 0, num_batches)
+    is_listed = count <= _ENUMERATED
+    most = jnp.sum(jnp.where(elements, _worth(machine), 0), axis=0)
+    num_turns = jnp.where(is_listed, _powers(count), _STARTS * _PIVOTS)
 
     def goes_on(carry: tuple) -> Array:
-        turn, _, _, best = carry
-        is_found = (count > _ENUMERATED) & (best.score >= 0)
-        return is_any((turn < num_batches) & ~is_found)
+        turn, _, best = carry
+        is_found = best.score >= jnp.where(is_listed, most, 0)
+        return is_any((turn < num_turns) & ~is_found)
 
     def turned(carry: tuple) -> tuple:
-        turn, acts, proposed, best = carry
-        many = turn <= _JOINT_PIVOTS
-        single = jnp.cumsum(proposed != acts, axis=1) == 1
-        pivoted = jnp.where(many | single, proposed, acts)
-        listed = _acts_of(elements, jnp.arange(_BATCH) + _BATCH * turn)
-        acts = jnp.where(elements[None], jnp.where(count <= _ENUMERATED, listed, pivoted), 0)
-        found = judge(acts)
-        new = _best_of(found)
+        turn, acts, best = carry
+        found = _judged(machine, state, force, at_rest, acts)
+        best = jax.tree.map(lambda a, b: jnp.where(found.score > best.score, a, b), found, best)
+        turn = turn + 1
         # Beyond the last set of a lane the sets repeat themselves.
-        best = jax.tree.map(lambda a, b: jnp.where(new.score > best.score, a, b), new, best)
-        return turn + 1, acts, found.proposed, best
+        listed = _acts_of(elements, jnp.where(is_listed, turn, turn // _PIVOTS))
+        is_single = turn % _PIVOTS > _JOINT_PIVOTS
+        changes = found.proposed != acts
+        first_change = changes & (jnp.cumsum(changes, axis=0) == 1)
+        pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, acts)
+        return turn, jnp.where(is_listed | (turn % _PIVOTS == 0), listed, pivoted), best
 
-    return jax.lax.while_loop(goes_on, turned, (jnp.array(1), first, found.proposed, best))[-1].decision
+    none = jnp.zeros_like(elements)
+    start = jnp.zeros_like(at_rest.at_bound)
+    nothing = _Judged(
+        jnp.full_like(count, 2 * len(elements) * _CONFLICT), start, Decision(start, none, none, none, none)
+    )
+    return jax.lax.while_loop(goes_on, turned, (jnp.array(0), start, nothing))[-1].decision
 
 
 class _Judged(NamedTuple):
@@ -121,40 +120,21 @@ class _Judged(NamedTuple):
     decision: Decision
 
 
-def _most(machine: Machine, elements: Array) -> Array:
-    """Score of a set in which all elements hold."""
-    return jnp.sum(jnp.where(elements, _worth(machine), 0), axis=0)
-
-
 def _worth(machine: Machine) -> Array:
     return jnp.where(machine.contacts.are(FRICTION), _STICKS, _HOLDS)
 
 
-def _acts_of(elements: Array, codes: Array) -> Int[Array, "sets contacts ..."]:
-    """Acts of sets by their numbers, whose ternary digits belong to the elements at rest in their order."""
-    rank = jnp.cumsum(elements, axis=0) - 1
-    digit = codes.reshape(-1, *[1] * elements.ndim) // _powers(rank)[None] % 3
+def _acts_of(elements: Array, number: Array) -> Int[Array, "contacts ..."]:
+    """Acts of a set by its number, whose ternary digits belong to the elements at rest in their order."""
+    digit = number // _powers(jnp.cumsum(elements, axis=0) - 1) % 3
     # By selections: steps written out element by element have no lookup in a table.
-    return jnp.select([digit == k for k in range(len(_ACTS))], list(map(jnp.asarray, _ACTS)))
+    acts = jnp.select([digit == k for k in range(len(_ACTS))], list(map(jnp.asarray, _ACTS)))
+    return jnp.where(elements, acts, 0)
 
 
 def _powers(exponent: Array) -> Array:
     """Powers of three, of zero and more."""
     return 3 ** jnp.clip(exponent, 0, 12)
-
-
-def _best_of(found: _Judged) -> _Judged:
-    """The first of those with the highest score."""
-    is_best = found.score == jnp.max(found.score, axis=0)
-    is_best = is_best & (jnp.cumsum(is_best, axis=0) == 1)
-
-    def of_best(a: Array) -> Array:
-        chosen = jnp.where(
-            is_best.reshape(len(is_best), *[1] * (a.ndim - is_best.ndim), *is_best.shape[1:]), a, 0
-        )
-        return jnp.sum(chosen, axis=0).astype(a.dtype)
-
-    return jax.tree.map(of_best, found)
 
 
 def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: Array) -> _Judged:

@@ -232,10 +232,11 @@ def _large_matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]
 
 def matrix_product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:
     """Multiply matrices, lanes last."""
-    if a.shape[1] <= UNROLLED:
-        return jnp.sum(a[:, :, None] * b[None], axis=1)
     if a.ndim == b.ndim == 2:
-        return a @ b
+        return jnp.sum(a[:, :, None] * b[None], axis=1) if a.shape[1] <= UNROLLED else a @ b
+    if a.shape[1] <= UNROLLED:
+        # In programs of the user a sum over an array of all products would be passed to a library.
+        return add_up([a[:, j, None] * b[None, j] for j in range(a.shape[1])])
     a, b = jnp.broadcast_arrays(a[:, :, None], b[None])
     return jnp.einsum("ij...,jk...->ik...", a[:, :, 0], b[0])
 
