@@ -1,4 +1,4 @@
-"""Golden scenes of dry friction and compliant stops, see data/golden_switching/README.md."""
+"""Golden scenes of dry friction and compliant stops, see the README of data/golden_switching and of data/golden_mixed."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ from helpers import CHATTER_END, ROUNDING
 
 import vijax as vx
 
-_FOLDER = Path(__file__).parent / "data" / "golden_switching"
+_DATA = Path(__file__).parent / "data"
 _KINDS = {
     getattr(vx, kind.upper()): kind
     for kind in ("impact", "stick", "release", "close", "open", "slip", "turn")
@@ -73,14 +73,18 @@ class SwitchingScene(NamedTuple):
         return ROUNDING * max(1.0, t) * max(1.0, self.data["amplification_worst_restart_events"])
 
 
-def scene_names() -> list[str]:
-    """Names of all scenes."""
-    return sorted(path.stem for path in _FOLDER.glob("*.json"))
+def scene_names(folder: str = "golden_switching") -> list[str]:
+    """Names of all scenes; in `golden_mixed` bodies touch, lean on each other, or rest on compliant stops."""
+    return sorted(path.stem for path in (_DATA / folder).glob("*.json"))
 
 
 def switching_scene(name: str) -> SwitchingScene:
     """A scene from its file."""
-    data = json.loads((_FOLDER / f"{name}.json").read_text())
+    return scene_of(name, data_of(name))
+
+
+def scene_of(name: str, data: dict) -> SwitchingScene:
+    """A scene from the fields of a file."""
     stops = [vx.Contact(_row(c), c["position"], c["restitution"]) for c in data["contacts"]]
     stops += [
         vx.CompliantContact(_row(c), c["position"], c["stiffness"], c["damping"], c["preload"])
@@ -96,7 +100,7 @@ def switching_scene(name: str) -> SwitchingScene:
 
 def shape_of(name: str) -> tuple:
     """Properties for which a program is compiled."""
-    data = json.loads((_FOLDER / f"{name}.json").read_text())
+    data = data_of(name)
     is_full = np.any(np.array(data["M"]) - np.diag(np.diag(data["M"])))
     return data["n"], *(len(data[kind]) for kind in ("contacts", "compliant", "friction")), bool(is_full)
 
@@ -105,18 +109,24 @@ def _row(element: dict) -> dict[int, float]:
     return {i: a for i, a in enumerate(element["row"]) if a}
 
 
+def data_of(name: str) -> dict:
+    """Fields of the file of a scene."""
+    (path,) = _DATA.glob(f"golden_[sm]*/{name}.json")
+    return json.loads(path.read_text())
+
+
 def _without_end(events: list[Happening], chatter: dict, num_stops: int) -> list[Happening]:
-    """Drop the light impacts of a contact before the end of its chatter, and the turns of friction between them."""
-    end, contact = chatter["end"], chatter["contact"]
+    """Drop the light impacts of contacts before the end of their chatter, and what they open or turn between them."""
+    end, contacts = chatter["end"], chatter.get("contacts") or [chatter["contact"]]
     rubbing = [num_stops + k for k in chatter["friction"]]
     is_before = lambda t: end - _LONGEST_END < t < end + 1e-6  # noqa: E731
     light = [
         e.t
         for e in events
-        if (e.element, e.kind) == (contact, "impact") and is_before(e.t) and abs(e.velocity) < CHATTER_END
+        if e.element in contacts and e.kind == "impact" and is_before(e.t) and abs(e.velocity) < CHATTER_END
     ]
     if not light:
         return events
     is_end = lambda e: is_before(e.t) and e.t >= min(light)  # noqa: E731
-    dropped = [(contact, "impact"), *((k, "turn") for k in rubbing)]
+    dropped = [(k, "impact") for k in contacts] + [(k, "turn") for k in rubbing]
     return [e for e in events if not (is_end(e) and (e.element, e.kind) in dropped)]

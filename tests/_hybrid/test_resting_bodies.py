@@ -96,6 +96,23 @@ def test_a_mass_sticks_at_the_instant_at_which_its_neighbour_lets_go():
     np.testing.assert_allclose(x, sol.x1[1], rtol=0, atol=_ROUNDING)
 
 
+@pytest.mark.thorough
+def test_derivatives_go_through_decisions():
+    """By loads, friction, and the start, along which two bodies in touch move together."""
+
+    def end(p):
+        mean = jnp.array([-0.1, -0.33]) * p[0]
+        stops = [vx.Contact({0: 1.0, 1: -1.0}, -1.0, 0.5)]
+        system = _free([1.0, 1.0], mean, stops, [vx.Friction(1, 0.277 * p[1], 0.36)])
+        sol = vx.simulate(system, 0.0, 1.0, jnp.array([0.0, 1.0]) + p[2], 0.1 * jnp.ones(2) * p[3])
+        return jnp.concatenate([sol.x1, sol.v1])
+
+    at, step = jnp.array([1.0, 1.0, 0.0, 1.0]), 1e-6
+    differences = [(end(at + e) - end(at - e)) / (2 * step) for e in step * np.eye(4)]
+    for jacobian in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(jacobian(end)(at), np.stack(differences, axis=1), rtol=0, atol=1e-8)
+
+
 @pytest.mark.slow
 def test_bodies_come_to_rest_together():
     stops = [vx.Contact({0: 1.0, 1: -1.0}, -1.0, 0.7), vx.Contact({1: 1.0, 2: -1.0}, -1.0, 0.7)]

@@ -27,7 +27,11 @@ def _marks(name: str) -> list:
     return [pytest.mark.thorough] if count < 4 else []
 
 
-@pytest.fixture(scope="module", params=[pytest.param(a, marks=_marks(a)) for a in scene_names()])
+_SCENES = [pytest.param(a, marks=_marks(a)) for a in scene_names()]
+_MIXED = [pytest.param(a, marks=pytest.mark.thorough) for a in scene_names("golden_mixed")]
+
+
+@pytest.fixture(scope="module", params=[*_SCENES, *_MIXED])
 def scene(request) -> SwitchingScene:
     return switching_scene(request.param)
 

@@ -10,7 +10,10 @@ Hamilton). In numbers all coefficients that count within a step are then roundin
 `vanishes`: it has no event.
 """
 
+from functools import reduce
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -21,7 +24,6 @@ from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
 from .interface import Expansion
-from .series import horner
 
 # Rounding errors of a coefficient of a guard, relative to its terms, in units of the last place.
 _ROUNDINGS = 32
@@ -45,21 +47,30 @@ def guard_rests(machine: Machine, state: State, motion: Expansion, hold: Held, l
     """Bound the remainders of all guards of steps."""
     if motion.series is None:
         return _by_masses(machine, state, motion, hold, limit)
-    series, sizes = motion.series, _sizes(machine, state, motion)
+    series, sizes, num = motion.series, _sizes(machine, state, motion), len(motion.series[2])
 
-    def of(guard: Limit) -> GuardRests:
-        known = guard.series(machine, state, hold, series)
-        own = [jnp.abs(a) + jnp.zeros_like(known[0]) for a in known]
+    def coefficients(guard: Limit) -> Array:
+        known = jnp.asarray(guard.series(machine, state, hold, series))
+        return jnp.concatenate([known, jnp.zeros((num - len(known), *known.shape[1:]), known.dtype)])
+
+    def terms(guard: Limit) -> Array:
         # `rest` is linear: of sizes at the unit of time it gives that of the coefficient that follows the known ones.
-        order = len(guard.derivatives(machine, state, hold, motion.now))
-        size = guard.rest(machine, sizes, hold) * machine.timescale**order
-        fourth = horner(own[4:], limit) if len(own) > 4 else jnp.zeros_like(own[0])
-        third = own[3] + limit * fourth if len(own) > 3 else fourth
-        largest = jnp.max(jnp.stack([a * machine.timescale**k for k, a in enumerate(own)]), axis=0)
-        vanishes = largest <= _ROUNDINGS * float(jnp.finfo(largest.dtype).eps) * size
-        return GuardRests(third, fourth, vanishes)
+        return guard.rest(machine, sizes, hold) * machine.timescale**guard.order
 
-    return select_active(machine, state, of, guards_of_steps)
+    own = jnp.abs(select_active(machine, state, coefficients, guards_of_steps, axis=1))
+    size = select_active(machine, state, terms, guards_of_steps)
+
+    def add(sums: tuple[Array, Array], coefficient: Array) -> tuple[tuple[Array, Array], None]:
+        """Horner's scheme for the sum at the end of the step, and for the largest term at the unit of time."""
+        total, largest = sums
+        return (total * limit + coefficient, jnp.maximum(largest * machine.timescale, coefficient)), None
+
+    zero = jnp.zeros_like(own[0] * limit)
+    after_third, _ = jax.lax.scan(add, (zero, zero), own[4:], reverse=True)
+    after_second, _ = add(after_third, own[3])
+    _, largest = reduce(lambda sums, k: add(sums, own[k])[0], (2, 1, 0), after_second)
+    vanishes = largest <= _ROUNDINGS * float(jnp.finfo(own.dtype).eps) * size
+    return GuardRests(after_second[0], after_third[0], vanishes)
 
 
 def _by_masses(machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar) -> GuardRests:

@@ -11,8 +11,6 @@ A closed contact opens where N falls through zero, or, with a preload, at d = 0 
 follows from d > 0.
 """
 
-from typing import Any
-
 from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
@@ -20,7 +18,7 @@ from .._machine.derivatives import Rates, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import COMPLIANT
-from .limits import CLOSE, GAP, OPEN, Limit, force_below
+from .limits import CLOSE, GAP, OPEN, Limit, Series, behind, force_below, scaled
 
 
 def is_resting(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -47,12 +45,17 @@ def _spring_rest(machine: Machine, rests: tuple[Array, ...], hold: Held) -> Arra
     return laws.stiffness * contacts.third_rest(third) + 4 * laws.damping * contacts.rest(x_rest)
 
 
-def _spring_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
-    gap, laws = GAP.series(machine, state, hold, series), machine.contacts.laws
-    towards = [-a for a in gap[1:]]
-    depth = [-state.gap, *towards]
-    force = [laws.stiffness * d + laws.damping * (k + 1) * towards[k] for k, d in enumerate(depth[:-1])]
-    return [laws.preload + force[0], *force[1:]]
+def _spring_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
+    laws = machine.contacts.laws
+    depth = scaled(-1, GAP.series(machine, state, hold, series))
+    springs = scaled(laws.stiffness, depth[:-1])
+    dampers = scaled(laws.damping, depth[1:], range(1, len(depth)))
+    force = (
+        [a + b for a, b in zip(springs, dampers, strict=True)]
+        if isinstance(depth, list)
+        else springs + dampers
+    )
+    return behind(laws.preload + force[0], force[1:])
 
 
 DEPTH = Limit(
@@ -61,8 +64,9 @@ DEPTH = Limit(
     value=lambda machine, state, hold: -state.gap,
     slope=lambda machine, state, hold, now: -GAP.slope(machine, state, hold, now),
     derivatives=lambda machine, state, hold, now: [-a for a in GAP.derivatives(machine, state, hold, now)],
+    order=GAP.order,
     rest=GAP.rest,
-    series=lambda machine, state, hold, series: [-a for a in GAP.series(machine, state, hold, series)],
+    series=lambda machine, state, hold, series: scaled(-1, GAP.series(machine, state, hold, series)),
     leading_zeros=GAP.leading_zeros,
     near=GAP.near,
 )
@@ -73,6 +77,7 @@ SPRING = Limit(
     value=lambda machine, state, hold: machine.contacts.spring_force(state.gap, machine.approach(state)),
     slope=lambda machine, state, hold, now: _spring_derivatives(machine, state, hold, now)[1],
     derivatives=_spring_derivatives,
+    order=3,
     rest=_spring_rest,
     series=_spring_series,
     leading_zeros=lambda state: state.mode.begins,
@@ -86,8 +91,9 @@ LAG = Limit(
     derivatives=lambda machine, state, hold, now: [
         -a for a in _spring_derivatives(machine, state, hold, now)
     ],
+    order=3,
     rest=_spring_rest,
-    series=lambda machine, state, hold, series: [-a for a in _spring_series(machine, state, hold, series)],
+    series=lambda machine, state, hold, series: scaled(-1, _spring_series(machine, state, hold, series)),
     leading_zeros=lambda state: state.mode.begins,
     near=GAP.near,
 )

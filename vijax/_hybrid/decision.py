@@ -27,7 +27,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from .._jax.concrete import stop_gradients
@@ -40,7 +39,6 @@ from .just_after import just_after, sign_just_after
 # Number of elements at rest up to which all sets are tried; of more, number of starts, of pivots from each, and of those
 # that change several acts at once.
 _ENUMERATED, _STARTS, _PIVOTS, _JOINT_PIVOTS = 5, 27, 64, 16
-_ACTS = np.array([0, -1, 1], np.int8)
 # Score of a conflict, of friction at rest, of any other element at rest.
 _CONFLICT, _STICKS, _HOLDS = -10_000, 100, 1
 
@@ -84,32 +82,30 @@ def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
     count = jnp.sum(elements, axis=0)
     is_listed = count <= _ENUMERATED
     most = jnp.sum(jnp.where(elements, _worth(machine), 0), axis=0)
-    num_turns = jnp.where(is_listed, _powers(count), _STARTS * _PIVOTS)
 
-    def goes_on(carry: tuple) -> Array:
-        turn, _, best = carry
-        is_found = best.score >= jnp.where(is_listed, most, 0)
-        return is_any((turn < num_turns) & ~is_found)
+    def goes_on(carry: _Search) -> Array:
+        is_over = (carry.best.score >= jnp.where(is_listed, most, 0)) | carry.is_last
+        return is_any(~is_over & (is_listed | (carry.turn < _STARTS * _PIVOTS)))
 
-    def turned(carry: tuple) -> tuple:
-        turn, acts, best = carry
-        found = _judged(machine, state, force, at_rest, acts)
-        best = jax.tree.map(lambda a, b: jnp.where(found.score > best.score, a, b), found, best)
-        turn = turn + 1
-        # Beyond the last set of a lane the sets repeat themselves.
-        listed = _acts_of(elements, jnp.where(is_listed, turn, turn // _PIVOTS))
-        is_single = turn % _PIVOTS > _JOINT_PIVOTS
-        changes = found.proposed != acts
+    def turned(carry: _Search) -> _Search:
+        found = _judged(machine, state, force, at_rest, carry.acts)
+        best = jax.tree.map(lambda a, b: jnp.where(found.score > carry.best.score, a, b), found, carry.best)
+        turn = carry.turn + 1
+        following, is_last = _next_set(elements, carry.start)
+        starts_anew = is_listed | (turn % _PIVOTS == 0)
+        start = jnp.where(starts_anew, following, carry.start)
+        changes = found.proposed != carry.acts
         first_change = changes & (jnp.cumsum(changes, axis=0) == 1)
-        pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, acts)
-        return turn, jnp.where(is_listed | (turn % _PIVOTS == 0), listed, pivoted), best
+        is_single = turn % _PIVOTS > _JOINT_PIVOTS
+        pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, carry.acts)
+        is_last = carry.is_last | (is_listed & is_last)
+        return _Search(turn, start, jnp.where(starts_anew, start, pivoted), is_last, best)
 
-    none = jnp.zeros_like(elements)
-    start = jnp.zeros_like(at_rest.at_bound)
-    nothing = _Judged(
-        jnp.full_like(count, 2 * len(elements) * _CONFLICT), start, Decision(start, none, none, none, none)
-    )
-    return jax.lax.while_loop(goes_on, turned, (jnp.array(0), start, nothing))[-1].decision
+    none, still = jnp.zeros_like(elements), jnp.zeros_like(at_rest.at_bound)
+    lowest = jnp.full_like(count, 2 * len(elements) * _CONFLICT)
+    nothing = _Judged(lowest, still, Decision(still, none, none, none, none))
+    search = _Search(jnp.array(0), still, still, jnp.zeros_like(count, bool), nothing)
+    return jax.lax.while_loop(goes_on, turned, search).best.decision
 
 
 class _Judged(NamedTuple):
@@ -120,21 +116,31 @@ class _Judged(NamedTuple):
     decision: Decision
 
 
+class _Search(NamedTuple):
+    """Search among sets of acts: the number of turns, the last set begun with, the next one, and the best so far."""
+
+    turn: Int[Array, ""]
+    start: Int[Array, "contacts ..."]
+    acts: Int[Array, "contacts ..."]
+    is_last: Bool[Array, "..."]
+    best: _Judged
+
+
 def _worth(machine: Machine) -> Array:
     return jnp.where(machine.contacts.are(FRICTION), _STICKS, _HOLDS)
 
 
-def _acts_of(elements: Array, number: Array) -> Int[Array, "contacts ..."]:
-    """Acts of a set by its number, whose ternary digits belong to the elements at rest in their order."""
-    digit = number // _powers(jnp.cumsum(elements, axis=0) - 1) % 3
-    # By selections: steps written out element by element have no lookup in a table.
-    acts = jnp.select([digit == k for k in range(len(_ACTS))], list(map(jnp.asarray, _ACTS)))
-    return jnp.where(elements, acts, 0)
+def _next_set(elements: Array, acts: Array) -> tuple[Int[Array, "contacts ..."], Bool[Array, "..."]]:
+    """The set that follows, acts 0, -1, 1 counted upwards from the first element at rest; and whether it is the first again."""
 
+    def count(carries: Array, one: tuple[Array, Array]) -> tuple[Array, Array]:
+        is_at_rest, act = one
+        # 0 -> -1 -> 1 -> 0.
+        turned = jnp.where(act == 0, -1, jnp.where(act < 0, 1, 0)).astype(act.dtype)
+        return carries & (~is_at_rest | (act > 0)), jnp.where(carries & is_at_rest, turned, act)
 
-def _powers(exponent: Array) -> Array:
-    """Powers of three, of zero and more."""
-    return 3 ** jnp.clip(exponent, 0, 12)
+    carries, acts = jax.lax.scan(count, jnp.ones_like(elements[0]), (elements, acts))
+    return acts, carries
 
 
 def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: Array) -> _Judged:

@@ -8,8 +8,6 @@
 The Taylor coefficients of the sliding velocity are those of the velocities, so a zero is proved absent as for gaps.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
@@ -18,7 +16,7 @@ from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
-from .limits import FORCE, GAP, SLIP, STICK, Limit, each_order, force_below
+from .limits import FORCE, GAP, SLIP, STICK, Limit, Series, behind, each_order, force_below, scaled
 
 
 def is_sticking(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -42,11 +40,12 @@ def _slip_derivatives(machine: Machine, state: State, hold: Held, now: Derivativ
     return [*_slip_rates(machine, state, hold, now), last]
 
 
-def _slip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
+def _slip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
     del hold
     x, _, _ = series
-    later = [(k + 2) * a for k, a in enumerate(each_order(machine.contacts.along, x[2:]))]
-    return [state.mode.direction * a for a in (sliding_velocity(machine, state), *later)]
+    later = each_order(machine.contacts.along, x[2:])
+    later = scaled(1, later, range(2, 2 + len(later)))
+    return scaled(state.mode.direction, behind(sliding_velocity(machine, state), later))
 
 
 SLIDING = Limit(
@@ -55,6 +54,7 @@ SLIDING = Limit(
     value=lambda machine, state, hold: state.mode.direction * sliding_velocity(machine, state),
     slope=lambda machine, state, hold, now: _slip_rates(machine, state, hold, now)[1],
     derivatives=_slip_derivatives,
+    order=4,
     rest=lambda machine, rests, hold: machine.contacts.size(rests[3]),
     series=_slip_series,
     leading_zeros=lambda state: state.contact,
@@ -62,8 +62,8 @@ SLIDING = Limit(
 )
 
 
-def _grip(machine: Machine, forces: list[Any], side: Array) -> list[Array]:
-    return [machine.contacts.laws.grip - side * forces[0], *(-side * a for a in forces[1:])]
+def _grip(machine: Machine, forces: Series, side: Array) -> Series:
+    return behind(machine.contacts.laws.grip - side * forces[0], scaled(-side, forces[1:]))
 
 
 def _grip_derivatives(machine: Machine, state: State, hold: Held, now: Derivatives) -> list[Array]:
@@ -71,7 +71,7 @@ def _grip_derivatives(machine: Machine, state: State, hold: Held, now: Derivativ
     return _grip(machine, forces, jnp.where(forces[1] < 0, -1, 1))
 
 
-def _grip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
+def _grip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
     forces = FORCE.series(machine, state, hold, series)
     return _grip(machine, forces, jnp.where(forces[0] < 0, -1, 1))
 

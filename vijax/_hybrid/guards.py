@@ -22,6 +22,7 @@ _NONE = Limit(
     value=lambda machine, state, hold: jnp.ones_like(state.gap),
     slope=lambda machine, state, hold, now: jnp.zeros_like(state.gap),
     derivatives=lambda machine, state, hold, now: _one_and_no_more(state),
+    order=3,
     rest=lambda machine, rests, hold: 0 * machine.contacts.rest(rests[0]),
     series=lambda machine, state, hold, series: _one_and_no_more(state),
     leading_zeros=None,
@@ -80,18 +81,22 @@ def events_of_steps(
 
 
 def select_active(
-    machine: Machine, state: State, of: Callable[[Limit], Any], groups_of: Callable = guards_of
+    machine: Machine,
+    state: State,
+    of: Callable[[Limit], Any],
+    groups_of: Callable = guards_of,
+    axis: int = 0,
 ) -> Any:
-    """Tree of quantities, for each guard that of its active limit."""
+    """Tree of quantities, for each guard that of its active limit; `axis` is that of the guards in all of them."""
     groups = []
     for first, *others in groups_of(machine):
 
         def chosen(found: Any, limit: Limit) -> Any:
-            is_active = limit.is_active(machine, state)
+            is_active = jnp.expand_dims(limit.is_active(machine, state), tuple(range(axis)))
             return jax.tree.map(lambda own, other: jnp.where(is_active, own, other), of(limit), found)
 
         groups.append(reduce(chosen, others, of(first)))
-    return groups[0] if len(groups) == 1 else jax.tree.map(lambda *a: jnp.concatenate(a), *groups)
+    return groups[0] if len(groups) == 1 else jax.tree.map(lambda *a: jnp.concatenate(a, axis), *groups)
 
 
 def leading_zeros(state: State, machine: Machine | None = None) -> Int[Array, "guards ..."]:

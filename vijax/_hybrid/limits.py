@@ -13,16 +13,22 @@ To add a limit, add its guard as a `Limit` to a group of `guards_of`, its events
 `transition.py`, and its reset.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from .._jax.arrays import Reals, append_axes
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, Rates, approaches, contact_forces
 from .._machine.machine import Machine
 from .._machine.state import State
+
+# Taylor coefficients of guards: a list of few, or an array (orders, contacts).
+Series = Any
 
 IMPACT: Final = 0
 STICK: Final = 1
@@ -73,6 +79,7 @@ class Limit(NamedTuple):
         slope: first time derivative of the guard.
         derivatives: the guard and its first time derivatives, as many as are exact.
         rest: bound of the next Taylor coefficient over a step, from bounds for positions and forces, see `Expansion.rest`.
+        order: number of `derivatives`.
         series: Taylor coefficients of the guard, from those of positions, forces and phase.
         leading_zeros: number of leading coefficients of the guard that vanish exactly in a mode that has just begun, as
             `State.contact` for gaps; None if none ever does.
@@ -84,24 +91,40 @@ class Limit(NamedTuple):
     value: Callable[[Machine, State, Held], Array]
     slope: Callable[[Machine, State, Held, Rates], Array]
     derivatives: Callable[[Machine, State, Held, Derivatives], list[Array]]
+    order: int
     rest: Callable[[Machine, tuple[Array, ...], Held], Array]
-    series: Callable[[Machine, State, Held, tuple[Array, ...]], list[Any]]
+    series: Callable[[Machine, State, Held, tuple[Array, ...]], Series]
     near: dict[str, float]
     leading_zeros: Callable[[State], Int[Array, "contacts ..."]] | None
 
 
-# Most orders that are taken one after the other: they fuse with what follows. A whole series is taken at once, which compiles faster.
+# Most orders that are taken one after the other: they fuse with what follows. A whole series is one array, which compiles
+# faster.
 _FEW = 8
 
 
-def each_order(function: Callable[..., Array], *series: Array) -> list[Array]:
+def each_order(function: Callable[..., Array], *series: Array) -> Series:
     """Taylor coefficients of a linear function of positions, forces or phase, from theirs."""
     num = len(series[0])
-    return (
-        [function(*(a[k] for a in series)) for k in range(num)]
-        if num <= _FEW
-        else list(jax.vmap(function)(*series))
-    )
+    if num > _FEW:
+        return jax.vmap(function)(*series)
+    return [function(*(a[k] for a in series)) for k in range(num)]
+
+
+def scaled(factor: Reals, series: Series, orders: Sequence[int] | None = None) -> Series:
+    """Each coefficient times a factor, and times a number of its own if `orders` are given."""
+    if isinstance(series, list):
+        numbers = orders or [1] * len(series)
+        return [factor * a if k == 1 else factor * (k * a) for k, a in zip(numbers, series, strict=True)]
+    series = series if orders is None else append_axes(np.asarray(orders, series.dtype), series) * series
+    return (factor[None] if np.ndim(factor) else factor) * series
+
+
+def behind(first: Array, series: Series) -> Series:
+    """A coefficient, and those that follow."""
+    if isinstance(series, list):
+        return [first, *series]
+    return jnp.concatenate([jnp.broadcast_to(first, series.shape[1:])[None], series])
 
 
 def _gap_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
@@ -109,13 +132,13 @@ def _gap_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> 
     return [state.gap, *(-a for a in approaches(machine, state, now))]
 
 
-def _gap_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
+def _gap_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
     del hold
     x, _, phase = series
-    return [state.gap, *(-a for a in each_order(machine.contacts.towards, x[1:], phase[1:]))]
+    return behind(state.gap, scaled(-1, each_order(machine.contacts.towards, x[1:], phase[1:])))
 
 
-def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
+def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
     del state
     _, force, phase = series
     contact_force = lambda f, p: machine.contacts.contact_force(f, hold, p)  # noqa: E731
@@ -132,6 +155,7 @@ GAP = Limit(
         -machine.contacts.towards(state.v, machine.phase_rate(state.phase))
     ),
     derivatives=_gap_derivatives,
+    order=4,
     rest=lambda machine, rests, hold: machine.contacts.rest(rests[0]),
     series=_gap_series,
     near={"float64": 1e-3, "float32": 1e-2},
@@ -147,6 +171,7 @@ FORCE = Limit(
         now.force_rate, hold, machine.phase_rate(state.phase)
     ),
     derivatives=contact_forces,
+    order=3,
     rest=lambda machine, rests, hold: machine.contacts.contact_force_remainder(rests[1], hold),
     series=_force_series,
     near={"float64": 1e-4, "float32": 1e-3},
@@ -163,8 +188,8 @@ def force_below(
 ) -> Limit:
     """Limit of the force of a contact that holds, on one side: most - sign force."""
 
-    def below(machine: Machine, forces: list[Any]) -> list[Any]:
-        return [most(machine) - sign * forces[0], *(-sign * a for a in forces[1:])]
+    def below(machine: Machine, forces: Series) -> Series:
+        return behind(most(machine) - sign * forces[0], scaled(-sign, forces[1:]))
 
     return Limit(
         event=event,
@@ -174,6 +199,7 @@ def force_below(
         derivatives=lambda machine, state, hold, now: below(
             machine, FORCE.derivatives(machine, state, hold, now)
         ),
+        order=FORCE.order,
         rest=FORCE.rest,
         series=lambda machine, state, hold, series: below(
             machine, FORCE.series(machine, state, hold, series)

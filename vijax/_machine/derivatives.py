@@ -97,6 +97,8 @@ def approach_snap(machine: Machine, state: State, hold: Held, now: Derivatives) 
 
 
 def _phases(machine: Machine, state: State, count: int) -> list[Array]:
-    """Phase of the load and its derivatives, `count` in all."""
+    """Phase of the load and its derivatives, `count` in all; not computed where no contact moves."""
+    if machine.contacts.walls is None:
+        return [state.phase] * count
     steps = repeat(None, count - 1)
     return list(accumulate(steps, lambda phase, _: machine.phase_rate(phase), initial=state.phase))
