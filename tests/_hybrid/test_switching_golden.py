@@ -28,7 +28,11 @@ def _marks(name: str) -> list:
 
 
 _SCENES = [pytest.param(a, marks=_marks(a)) for a in scene_names()]
-_MIXED = [pytest.param(a, marks=pytest.mark.thorough) for a in scene_names("golden_mixed")]
+_LONG = ("drop_on_stack", "random_219")
+_MIXED = [
+    pytest.param(a, marks=pytest.mark.slow if a in _LONG else pytest.mark.thorough)
+    for a in scene_names("golden_mixed")
+]
 
 
 @pytest.fixture(scope="module", params=[*_SCENES, *_MIXED])

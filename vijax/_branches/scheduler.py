@@ -3,8 +3,9 @@
 from collections.abc import Callable, Generator, Sequence as Many
 from typing import Any
 
+from .._orbits.sequence import NOTHING
 from .batches import Stock, call, makes_of, stacked
-from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, KernelCall, padded, room_for, simulate_motion
+from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, KernelCall, padded, room_for, simulate_motion, trimmed
 from .parameter_family import Family
 from .point import TooManyEvents
 from .step_batch import PARTS, StepBatch
@@ -46,7 +47,17 @@ def _next_request(task: Generator, reply: Any) -> Any:
     request = task.send(reply)
     while len(request.sequence.kind) > MOST_EVENTS:
         request = task.throw(TooManyEvents("max_events"))
-    return request
+    return _without_padding(request)
+
+
+def _without_padding(request: Any) -> Any:
+    """A request for a simulation that fits `ROOM_OF_SIMULATION`, without padding: it would ask for a program of its own."""
+    kind = request.sequence.kind
+    if getattr(request, "program", None) is not simulate_motion or len(kind) > ROOM_OF_SIMULATION:
+        return request
+    num = int((kind != NOTHING).sum())
+    place, *others = request.arguments
+    return request._replace(sequence=trimmed(request.sequence, num), arguments=(trimmed(place, num), *others))
 
 
 def answer(family: Family, request: KernelCall) -> Any:

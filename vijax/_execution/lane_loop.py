@@ -29,7 +29,7 @@ from .._flow.interface import AbstractFlow
 from .._flow.modal import PreparedModalFlow
 from .._hybrid.transition import Instant
 from .._jax.arrays import append_axes
-from .._jax.xla import compute_once
+from .._jax.xla import as_part, compute_once
 from .._lanes.transform import lanes_last
 from .._machine.machine import Machine
 from .._machine.state import State, start_period
@@ -178,15 +178,28 @@ def _turn(task: LaneTask, progress: Progress) -> Progress:
 
 def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
     """A step of every lane, and its records."""
-    machine, work = task.machine, task.work
-    state, live = lanes.state, compute_once(is_live, work, lanes, task.point)
+    machine = task.machine
+    state, live = lanes.state, compute_once(is_live, task.work, lanes, task.point)
     resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
     step = task.flow, machine, state, machine.period, resolution
     if lanes.tangents is None:
-        call = lanes_last(advance) if _is_written_out(task) else advance
+        call = lanes_last(advance) if is_written_out(task) else advance
         (after, instant), tangents = call(*step), None
     else:
         after, instant, tangents = advance_with(lanes.tangents, *step)
+    return as_part(_recorded, task, lanes, live, after, instant, tangents)
+
+
+def _recorded(
+    task: LaneTask,
+    lanes: EndStates,
+    live: Bool[Array, " lanes"],
+    after: State,
+    instant: Instant,
+    tangents: Tangents | None,
+) -> tuple[EndStates, Recorded]:
+    """The lanes after a step, and its records."""
+    machine, work, state = task.machine, task.work, lanes.state
     finite = is_finite(after)
     counted = live & (state.periods >= work.transient)
     passed = (state.periods - work.transient) * machine.period + instant.time
@@ -231,7 +244,7 @@ def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
     return moved, Recorded(is_impact, impact, is_end, end)
 
 
-def _is_written_out(task: LaneTask) -> bool:
+def is_written_out(task: LaneTask) -> bool:
     """True where a step written out element by element is faster: where one element switches, of one or two masses."""
     machine = task.machine
     is_small = machine.contacts.num == 1 and max(machine.num_masses, machine.waves.num_harmonics) <= 2

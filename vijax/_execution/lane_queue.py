@@ -23,16 +23,17 @@ from jaxtyping import Array, Bool, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
 from .._jax.programs import Programs
-from .._jax.xla import are_sums_in_kernels, in_one_kernel, options_for_lanes
+from .._jax.xla import are_sums_in_kernels, in_one_kernel, in_parts, options_for_lanes
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, idle_mode
+from .._machine.switching import FRICTION
 from .._trajectory.loop import steps_fit_one_kernel
 from .._trajectory.observer import nothing_observed
 from .._trajectory.step import initial_state
 from .._trajectory.tangent_frame import Tangents, first_tangents
 from .carry_start import carried_start
-from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, run_turns
+from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, is_written_out, run_turns
 from .packed import PackedPoints, PointLayout, unpack
 from .records import impact_rows, mark_rows
 from .settings import DEFAULT_SETTINGS, ExecutionSettings
@@ -200,7 +201,7 @@ def _run_lanes(
         lanes = _started(points, task, queue)
         run = run_turns
         if _fit_one_kernel(points, queue.point.size):
-            run = partial(in_one_kernel, run_turns)
+            run = partial(in_parts, run_turns) if _are_parts(task) else partial(in_one_kernel, run_turns)
         progress, _ = run((eqx.tree_at(lambda p: p.lanes, queue.progress, lanes), task))
         return _refilled(task, eqx.tree_at(lambda q: q.progress, queue, progress))
 
@@ -211,6 +212,15 @@ def _run_lanes(
     written = lambda q: (q.progress.impacts.size, q.progress.marks.size)  # noqa: E731
     queue = jax.lax.while_loop(goes_on, feed, eqx.tree_at(written, queue, replace_fn=jnp.zeros_like))
     return queue, _is_left(work, queue)
+
+
+def _are_parts(task: LaneTask) -> bool:
+    """True where the parts of a step are kernels: machines whose forces switch have programs too large for one.
+
+    Those with friction alone are small enough.
+    """
+    contacts = task.machine.contacts
+    return contacts.is_switching and set(contacts.laws.kinds) != {FRICTION} and not is_written_out(task)
 
 
 # The queue is donated: its buffers, a few MB, are written in place instead of copied.

@@ -7,6 +7,7 @@ JAX that lacks them has the same effect.
 import abc
 import os
 import re
+import threading
 from collections.abc import Callable
 from functools import cache, lru_cache, wraps
 from operator import attrgetter
@@ -18,7 +19,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from equinox.internal import unvmap_any
-from jax.core import ShapedArray
+from jax.core import ShapedArray, eval_jaxpr
+from jax.extend.core import Literal
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, PyTree
 
@@ -62,13 +64,13 @@ def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
 
 
 # Kernels of `in_one_kernel` can call no library and divide no work among threads: options for programs with sums of more
-# than `UNROLLED` terms in kernels.
+# than `UNROLLED` terms in kernels. `reshape-mover` and the algebraic simplifier undo each other until a limit of 25 rounds.
 _PASSES = "xla_disable_hlo_passes"
 # An option replaces what the environment says.
 _DISABLED = re.findall(rf"--{_PASSES}=(\S+)", os.environ.get("XLA_FLAGS", ""))
 _FOR_SUMS = {
     "xla_cpu_experimental_ynn_fusion_type": "",
-    _PASSES: ",".join(["cpu-parallel-task-assigner", *_DISABLED]),
+    _PASSES: ",".join(["cpu-parallel-task-assigner", "reshape-mover", *_DISABLED]),
 }
 # Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
 # generator (before JAX 0.11) it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
@@ -146,9 +148,94 @@ def compute_once(function: Callable, *args):
     """Call `function` so that XLA computes what its results share once, not once per result.
 
     On a CPU XLA fuses every result of a loop body separately and repeats in each whatever they share. No fusion
-    crosses a call, but calls are inlined unless marked otherwise.
+    crosses a call, but calls are inlined unless marked otherwise. Under `in_parts` the call is a kernel.
     """
+    if _parts.are_kernels:
+        return _own_kernel(function, args)
     return _call(function, args, inlineable="false")
+
+
+class _Parts(threading.local):
+    """Whether the outermost calls of `compute_once` and `as_part` are kernels now."""
+
+    are_kernels = False
+
+
+_parts = _Parts()
+
+
+def in_parts(function: Callable, *args):
+    """Call `function` with each outermost call of `compute_once` or `as_part` in it as a kernel of its own.
+
+    XLA makes one function of a kernel, and LLVM's passes over its loops take more than twice as long for one twice as
+    large: a loop over lanes of a machine whose forces switch compiles in a third of the time, and takes little longer.
+    Numbers are the same to the bit.
+    """
+    before, _parts.are_kernels = _parts.are_kernels, not PLAIN
+    try:
+        return function(*args)
+    finally:
+        _parts.are_kernels = before
+
+
+def as_part(function: Callable, *args):
+    """Call `function`; under `in_parts` as a kernel of its own, otherwise with what is around it."""
+    return _own_kernel(function, args) if _parts.are_kernels else function(*args)
+
+
+def _own_kernel(function: Callable, args: tuple):
+    """Call `function` as a kernel of the arrays that it reads; results that are arguments are not among its own."""
+    is_array = lambda a: isinstance(a, jax.Array)  # noqa: E731
+    arrays, static = eqx.partition(args, is_array)
+    leaves, structure = jax.tree.flatten(arrays)
+    others: list[Any] = []
+
+    def of_leaves(leaves: list) -> list:
+        results = function(*eqx.combine(jax.tree.unflatten(structure, leaves), static))
+        own, rest = eqx.partition(results, is_array)
+        own, tree = jax.tree.flatten(own)
+        others[:] = tree, rest
+        return own
+
+    before, _parts.are_kernels = _parts.are_kernels, False
+    try:
+        closed = jax.make_jaxpr(of_leaves)(leaves)
+        jaxpr, num_enclosed = closed.jaxpr, len(closed.consts)
+        variables = [*jaxpr.constvars, *jaxpr.invars]
+        values = [*closed.consts, *leaves]
+        places = {variable: k for k, variable in enumerate(variables)}
+        given = [None if isinstance(v, Literal) else places.get(v) for v in jaxpr.outvars]
+        read = _variables_read(jaxpr)
+        own = [k for k, v in enumerate(variables) if v in read and isinstance(values[k], jax.Array)]
+
+        def kernel(*few: Array) -> tuple[Array, ...]:
+            """Results that are no arguments, and what may not be read in the end: a kernel must hand it back."""
+            all_ = [
+                jnp.zeros(v.aval.shape, v.aval.dtype) if isinstance(a, jax.Array) else a
+                for v, a in zip(variables, values, strict=True)
+            ]
+            for k, a in zip(own, few, strict=True):
+                all_[k] = a
+            found = eval_jaxpr(jaxpr, all_[:num_enclosed], *all_[num_enclosed:])
+            return (*(a for a, k in zip(found, given, strict=True) if k is None), *few)
+
+        few = [values[k] for k in own]
+        found = iter(in_one_kernel(kernel, *few) if few and None in given else kernel(*few))
+    finally:
+        _parts.are_kernels = before
+    results = [next(found) if k is None else values[k] for k in given]
+    tree, rest = others
+    return eqx.combine(jax.tree.unflatten(tree, results), rest)
+
+
+def _variables_read(jaxpr: Any) -> set:
+    """Variables on which results depend that are no arguments."""
+    given = {*jaxpr.constvars, *jaxpr.invars}
+    read = {v for v in jaxpr.outvars if not isinstance(v, Literal)} - given
+    for equation in reversed(jaxpr.eqns):
+        if any(v in read for v in equation.outvars):
+            read |= {v for v in equation.invars if not isinstance(v, Literal)}
+    return read
 
 
 def in_one_kernel(function: Callable, *args):

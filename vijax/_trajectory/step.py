@@ -17,7 +17,7 @@ from .._flow.interface import AbstractFlow, Flight
 from .._hybrid import coupled_impacts, diagonal_impacts, switching_resets
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar, clip_to_zero
-from .._jax.xla import compute_once
+from .._jax.xla import as_part, compute_once
 from .._machine.machine import Machine
 from .._machine.state import State, with_memory
 
@@ -63,7 +63,7 @@ def flight_to(
 ) -> Flight:
     """First half of `advance`: the flight, before the transition at its end."""
     remaining = clip_to_zero((target - state.time) - state.time_low)
-    return fly(flow, machine, state, remaining, resolution)
+    return as_part(fly, flow, machine, state, remaining, resolution)
 
 
 def outcome(
