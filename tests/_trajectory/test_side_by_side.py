@@ -1,5 +1,6 @@
 """Batches of any size and shape, of all kinds of machines, equal their lanes one by one."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -120,3 +121,26 @@ def test_lanes_without_an_event_stay_as_they_are():
     assert (sticks == 0).any()
     for k, v0 in enumerate(speeds):
         assert_alike(batch, (k,), end(v0))
+
+
+@pytest.mark.thorough
+def test_steps_that_are_tried_again_are_not_disturbed_by_events_of_other_lanes():
+    """A rigid and a soft stop, friction and a cubic spring: every point of such a sweep once stood still at an opening."""
+    load = vx.Harmonic([1.0, 0.0], 0.9)
+    free = vx.chain([1.0, 1.2], [0.05] * 2, [1.0] * 2, load, [vx.Stop(0, 0.3, "upper", 0.7)])
+    system = vx.ImpactSystem(
+        free.mass,
+        free.damping,
+        free.stiffness,
+        free.forcing,
+        [*free.stops, vx.CompliantStop(1, 0.3, "upper", 20.0, 0.1)],
+        friction=[vx.Friction(0, 0.1)],
+        force=lambda t, x, v, args: -0.1 * x**3,
+    )
+    frequencies = np.linspace(0.7, 0.735, 8)
+    how = {"transient": 4, "record": 2, "max_steps": 3000, "progress": False}
+    ds = vx.sweep(system, {"forcing.frequency": frequencies}, **how)
+    assert (ds.result == 0).all()
+    one = eqx.tree_at(lambda s: s.forcing.frequency, system, frequencies[0])
+    alone = vx.simulate(one, 0.0, 6 * one.forcing.period, max_events=1000)
+    np.testing.assert_allclose(ds.x[0], alone.x1, rtol=0, atol=1e-7)

@@ -120,7 +120,7 @@ def _switch(
     contacts, hit = machine.contacts, instant.hit
     rigid, compliant, friction = (contacts.are(kind) for kind in (RIGID, COMPLIANT, FRICTION))
     is_jump = jnp.any(hit, axis=0)
-    # In a batch the trajectories without an event come here as well: they must stay as they are.
+    # In a batch the trajectories without an event come here as well: they stay as they are.
     is_now = jnp.any(events.first | events.second, axis=0)
     speed = sliding_velocity(machine, state)
     was_at_rest = before.held | before.is_kept_closed
@@ -163,15 +163,9 @@ def _switch(
         )
     is_plastic = hit & (instant.velocity_plus == 0)
     # Elements that have left at this very instant, with no speed, are still at rest.
-    has_left = (
-        (state.contact >= jnp.where(friction, 1, 2))
-        & (state.contact < KEPT_CLOSED)
-        & ~hit
-        & ~torn
-        & ~is_struck
-    )
+    has_left = (state.contact >= jnp.where(friction, 1, 2)) & ~hit & ~torn & ~is_struck
     settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
-    settles = is_now & (settles | has_left | (compliant & at_limit & (speed == 0) & ~was_at_rest))
+    settles = settles | has_left | (compliant & at_limit & (speed == 0) & ~was_at_rest)
     # First guards are those of the lower bound of a contact, and of the upper one of friction.
     side = jnp.where(events.first, -1, jnp.where(events.second, 1, 0))
     side = jnp.where(stays & before.held & ~is_jump, jnp.where(friction, -side, side), 0)
@@ -181,6 +175,7 @@ def _switch(
         lambda: compute_once(_settled, machine, state, AtRest(settles, side.astype(jnp.int8)), lightest),
         lambda: state,
     )
+    after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
     return after, logged(machine, before, after, instant, events, chatter.duration)
 
 
@@ -207,8 +202,7 @@ def _compliant_switched(
     """State with compliant contacts closed and opened, and flags of those now at d = 0."""
     compliant, mode = machine.contacts.are(COMPLIANT), state.mode
     is_free = compliant & (~state.held | is_set_off)
-    is_now = jnp.any(events.first | events.second, axis=0)
-    at_limit = is_now & is_free & (events.first | is_set_off | (state.gap == 0))
+    at_limit = is_free & (events.first | is_set_off | (state.gap == 0))
     gap = jnp.where(at_limit, 0, state.gap)
     enters = at_limit & (speed > 0)
     past = jnp.where(at_limit, enters, mode.closed | mode.inside)
