@@ -34,7 +34,7 @@ def test_elements_side_by_side_are_their_sum(statics):
     assert int(found.num_events) == 2 * int(sum_.num_events)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_row_that_counts_twice_is_an_element_of_half_the_force_beside_others():
     load = vx.Harmonic([3.7], 0.7)
     three = [vx.Friction(0, 0.5, 0.7), vx.Friction(0, 2.0, 2.1), vx.Friction({0: 2.0}, 0.25, 0.3)]
@@ -55,7 +55,7 @@ def test_the_impulse_of_a_held_contact_reaches_friction_beyond_it():
     np.testing.assert_allclose(sol.x1, [0.25, 1.25, -0.5], rtol=0, atol=_ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_impulse_of_a_held_contact_moves_a_compliant_stop_that_rests():
     stop = vx.CompliantStop(1, 1.0, "upper", 100.0, 0.0, preload=2.0)
     system = _free([1.0, 1.0, 1.0], [1.0, 0.0, 0.0], [*_ROW, stop], [])
@@ -66,7 +66,7 @@ def test_the_impulse_of_a_held_contact_moves_a_compliant_stop_that_rests():
     np.testing.assert_allclose(sol.x1, [x, 1 + x, -0.5], rtol=0, atol=_ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_turns_with_what_an_impact_turns_through_a_held_contact():
     stops = [vx.Contact({0: -1.0, 1: 1.0}, 1.0, 0.5), vx.Stop(0, 0.5, "upper", 0.5)]
     sol = vx.simulate(

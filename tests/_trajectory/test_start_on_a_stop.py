@@ -107,9 +107,16 @@ MACHINES = {
 }
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("mode", DERIVATIVES)
-@pytest.mark.parametrize("name", MACHINES)
+def _marks(name: str, mode: str) -> list:
+    """Marks of a case: those that take longest to compile belong to the long runs."""
+    is_quick = (name, mode) in (("contact", "forward"), ("contact", "reverse"), ("compliant stop", "forward"))
+    return [pytest.mark.thorough if is_quick else pytest.mark.slow]
+
+
+_CASES = [pytest.param(name, mode, marks=_marks(name, mode)) for name in MACHINES for mode in DERIVATIVES]
+
+
+@pytest.mark.parametrize(("name", "mode"), _CASES)
 def test_derivatives_of_starts_on_contacts_are_one_sided_differences(name, mode):
     machine, start, away = MACHINES[name]
     if start is None:
