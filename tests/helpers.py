@@ -217,3 +217,14 @@ def counted() -> Iterator[list[str]]:
         # Older releases of JAX have only a private name for it.
         remove = getattr(jax.monitoring, "unregister_event_duration_listener", None)
         (remove or jax._src.monitoring._unregister_event_duration_listener_by_callback)(note)
+
+
+def end_of(machine: vx.ImpactSystem, span: float):
+    """End (x, v) of a run from t = 0, as a function of its start."""
+
+    def end(start: jax.Array) -> jax.Array:
+        half = len(start) // 2
+        run = vx.simulate(machine, 0.0, span, start[:half], start[half:])
+        return jnp.concatenate([run.x1, run.v1])
+
+    return end

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
+from helpers import end_of
 from jax import Array
 
 import vijax as vx
@@ -63,21 +64,12 @@ def pendulum(t: Array, x: Array, v: Array, args) -> Array:
     return -jnp.sin(x) - 0.1 * v
 
 
-def end_from(machine: vx.ImpactSystem, span: float):
-    def end(state: Array) -> Array:
-        half = len(state) // 2
-        run = vx.simulate(machine, 0.0, span, state[:half], state[half:])
-        return jnp.concatenate([run.x1, run.v1])
-
-    return end
-
-
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
 def test_derivatives_at_rest_and_beside_it_are_those_of_the_linear_motion(derivative):
     machine = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 0.5), [], force=pendulum)
     right = scipy.linalg.expm(np.array([[0, 1], [-1, -0.1]]) * 4 * np.pi)
     for size in (0.0, 1e-9):
-        found = derivative(end_from(machine, 4 * np.pi))(jnp.array([size, 0.0]))
+        found = derivative(end_of(machine, 4 * np.pi))(jnp.array([size, 0.0]))
         np.testing.assert_allclose(found, right, atol=ACCURACY)
 
 
@@ -107,7 +99,7 @@ def test_derivatives_at_rest_of_springs_that_change_with_time_are_those_of_hill_
         .y[:, -1]
         .reshape(4, 4)
     )
-    found = jax.jacfwd(end_from(machine, 10.0))(jnp.zeros(4))
+    found = jax.jacfwd(end_of(machine, 10.0))(jnp.zeros(4))
     np.testing.assert_allclose(found, right, atol=ACCURACY * np.abs(right).max())
 
 

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import end_of
 from jax import Array
 
 import vijax as vx
@@ -12,15 +13,6 @@ import vijax as vx
 STEP, BY_DIFFERENCES = 1e-6, 2e-5
 GRAVITY, RESTITUTION = 9.81, 0.7
 DERIVATIVES = {"forward": jax.jacfwd, "reverse": jax.jacrev}
-
-
-def end_of(machine: vx.ImpactSystem, span: float):
-    def end(start: Array) -> Array:
-        half = len(start) // 2
-        run = vx.simulate(machine, 0.0, span, start[:half], start[half:])
-        return jnp.concatenate([run.x1, run.v1])
-
-    return end
 
 
 def ball(restitution: float = RESTITUTION) -> vx.ImpactSystem:

@@ -93,7 +93,7 @@ def cycles_from(
     ds = machines.run(
         start, machine, 0, max(4 * int(num_periods.max()), 8), max_impacts=1 << 14, goes_on=True
     )
-    kinds = classified(ds, None, None, None)
+    kinds = classified(ds)
     # A cycle that repeats sooner is polished again, as such: else its multipliers would be those of several cycles.
     n = np.where(kinds["num_periods"].values > 0, kinds["num_periods"].values, num_periods)
     sooner = np.flatnonzero(n < num_periods)

@@ -212,7 +212,7 @@ def _found(plan: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Datas
     machines = plan.one.of_plane(of_machine, size)
     counts, where = plan.counts, (machines.settings, machines.executor)
     ds = sweep_zipped(machines.system, of_machine, start, counts, machines.flow, *where, lambda _: None)
-    found = classified(ds, plan.tolerance, None, None)[list(_KIND)]
+    found = classified(ds, plan.tolerance)[list(_KIND)]
     if counts.lyapunov:
         found = found.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})
     columns = {}

@@ -19,8 +19,9 @@ from jaxtyping import Array, Bool, Float
 
 from .._hybrid.guards import guards_of_steps, select_active
 from .._hybrid.limits import Limit
-from .._jax.arrays import Scalar, matvec
+from .._jax.arrays import Scalar
 from .._machine.contacts import Held
+from .._machine.derivatives import sizes_of_force
 from .._machine.machine import Machine
 from .._machine.state import State
 from .interface import Expansion
@@ -86,10 +87,7 @@ def _sizes(machine: Machine, state: State, motion: Expansion) -> tuple[Array, ..
     """Sizes of the terms of positions, forces, third derivatives and velocities, as `Limit.rest` takes them."""
     time, rate = machine.timescale, machine.rate
     x, v, a = (jnp.abs(part) for part in (state.x, state.v, motion.now.acceleration))
-    drag = matvec(jnp.abs(machine.damping), v + time * a)
-    spring = matvec(jnp.abs(machine.stiffness), x + time * (v + time * a))
-    force = jnp.abs(machine.mean) + machine.waves.bound(0) + drag + spring
-    inverse = jnp.abs(machine.inverse_mass)
-    moved = matvec(inverse, force) if inverse.ndim > force.ndim else inverse * force
+    force = sizes_of_force(machine, jnp.zeros_like(x), x + time * (v + time * a), v + time * a)
+    moved = machine.contacts.inverse_mass_size(force)
     way = time * (v + time * moved)
     return way * rate**4, force * rate**3, way * rate**3, way * rate**5

@@ -64,7 +64,7 @@ def periodic_orbits(
     room = whole_number("max_events", max_events, 1)
     workers = None if executor is None else as_executor(executor)
     warn_of_endings(ds, "max_impacts_reached")
-    kinds = classified(ds, None, None, None)
+    kinds = classified(ds)
     num_periods = flattened_points(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flattened_points(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
     states = np.concatenate([flattened_points(ds, ds[name], "mass") for name in ("x", "v")], axis=1)

@@ -122,9 +122,9 @@ def _warn_of_unsettled(found: xr.Dataset, tolerance: float) -> None:
 
 def classified(
     source: Solution | xr.Dataset,
-    tolerance: float | None,
-    double_impact_within: float | None,
-    last: int | None,
+    tolerance: float | None = None,
+    double_impact_within: float | None = None,
+    last: int | None = None,
 ) -> xr.Dataset:
     """As `classify`, without a warning."""
     section, last = _section(source, last)

@@ -145,7 +145,7 @@ def branch_curves(lines: Mapping[bool, tuple[np.ndarray, np.ndarray]], look: Pag
 
 def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[Any, dict[str, str]]:
     """Image of the kinds of motion over two swept quantities, and its legend: words and their colours."""
-    kinds = classified(ds, None, None, None).transpose(right, up, ...).sortby([right, up])
+    kinds = classified(ds).transpose(right, up, ...).sortby([right, up])
     with look.style():
         drawn, numbers = legend_entries(motions_of(kinds), _CLASSES)
     colors = {entry.words: to_hex(entry.color) for entry in drawn}

@@ -125,7 +125,7 @@ def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray)
     """The motion from a state at phase 0, over `record` forcing periods."""
     period, flow = float(system.forcing.period), flow_of(system)
     sol = simulated(system, record * period, x, v)
-    kind = classified(sol, None, None, record)
+    kind = classified(sol, last=record)
     n, orbit = int(kind["num_periods"]), None
     if n and not is_single_precision(system):
         found = periodic_orbit(system, x, v, n, flow=flow, max_events=EVENTS_OF_CYCLE, throw=False)
