@@ -53,3 +53,18 @@ def interrupt_with_result(result: Callable[[], Any]) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise Interrupted(result()) from None
+
+
+@contextmanager
+def interrupt_with_word_of(kept: Any) -> Iterator[None]:
+    """Let Ctrl-C say what is kept on disk: nothing if `kept`, a folder or store, is None."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if kept is None:
+            sentence = "Stopped; nothing is kept. With `store` a sweep keeps its finished points, and the same call resumes there."
+        else:
+            sentence = (
+                f"Stopped; the points finished until then are in {kept}, and the same call resumes there."
+            )
+        raise KeyboardInterrupt(sentence) from None

@@ -133,3 +133,21 @@ def test_friction_at_its_bound_all_along_does_not_stop_three_blocks():
     alone = 5 * (1.0 - (1 - np.exp(-0.1)) / 0.1)
     np.testing.assert_allclose(sol.x1[1:], alone, atol=1e-10)
     assert sol.num_steps < FEW_STEPS
+
+
+@pytest.mark.parametrize("num", [3, 5])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_a_mass_that_symmetry_keeps_on_its_stop_does_not_delay_the_others(num, restitution):
+    stiffness = 2 * np.eye(num) - np.eye(num, k=1) - np.eye(num, k=-1)
+    amplitude = np.linspace(0.3, -0.3, num)
+    load = vx.Harmonic(amplitude=list(amplitude), frequency=0.7)
+    middle = vx.Stop(num // 2, 0.0, "upper", restitution)
+    x0, v0 = list(amplitude), [0.0] * num
+    systems = [
+        vx.ImpactSystem(np.ones(num), 0.05 * stiffness, stiffness, load, stops) for stops in ([middle], [])
+    ]
+    with_stop, free = (vx.simulate(s, 0.0, 20.0, x0, v0, max_steps=1000) for s in systems)
+    np.testing.assert_allclose(with_stop.x1, free.x1, atol=EXACT)
+    # Rounding moves the middle mass, and only that.
+    light = np.abs(with_stop.events.velocity_minus[: with_stop.num_events])
+    assert light.max(initial=0.0) < EXACT

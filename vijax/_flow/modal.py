@@ -133,10 +133,9 @@ def _response(machine: Machine, modes: Modes) -> SteadyResponse:
     speed = waves.speeds(machine.frequency)
     stiff, drag = w2[None] - speed * speed, 2 * a[None] * speed
     scale = stiff * stiff + drag * drag
-    c, s = (matrix_product(part, shape) for part in (waves.cosine, waves.sine))
+    c, s = _both(waves.cosine, waves.sine, shape)
     transposed = jnp.swapaxes(shape, 0, 1)
-    parts = (stiff * c - drag * s) / scale, (stiff * s + drag * c) / scale
-    response = Waves(*(matrix_product(part, transposed) for part in parts))
+    response = Waves(*_both((stiff * c - drag * s) / scale, (stiff * s + drag * c) / scale, transposed))
     if machine.contacts.is_switching:
         return SteadyResponse(matrix_product(shape / w2[None], transposed), response)
     return SteadyResponse(matvec(shape, matvec(transposed, machine.mean) / w2), response)
@@ -146,21 +145,37 @@ def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
     """The energy of a mode never grows, and q''' and q'''' are linear in q and q'."""
     w2, a = modes.squared_frequency, modes.decay
     w = jnp.sqrt(w2)
-    third = jnp.abs(4 * a * a - w2) + 2 * a * w
-    fourth = w * jnp.abs(4 * a * a - w2) + 4 * a * jnp.abs(w2 - 2 * a * a)
-    damping, stiffness, shape = (jnp.abs(b) for b in (machine.damping, machine.stiffness, modes.shape))
-    x3, x4 = shape * third[None], shape * fourth[None]
-    x3_load = machine.frequency**3 * response.waves.bound(3)
+    skew = jnp.abs(4 * a * a - w2)
+    third, fourth = skew + 2 * a * w, w * skew + 4 * a * jnp.abs(w2 - 2 * a * a)
+    shape = jnp.abs(modes.shape)
+    x4 = shape * fourth[None]
     x4_load = machine.frequency**4 * response.waves.bound(4)
-    force = matrix_product(damping, x4) + matrix_product(stiffness, x3)
-    force_load = machine.frequency**3 * machine.waves.bound(3)
-    force_load = force_load + matvec(damping, x4_load) + matvec(stiffness, x3_load)
+    # Forces are formed before absolute values are taken: symmetry may keep that on a held mass zero.
+    drag, spring = (jnp.abs(matrix_product(a, modes.shape)) for a in (machine.damping, machine.stiffness))
+    force = drag * fourth[None] + spring * third[None]
+    force_load = machine.frequency**3 * _force_waves(machine, response).bound(3)
     rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)
     if not machine.contacts.is_switching:
         return Rests(*rests)
     x5 = shape * (2 * a * fourth + w2 * third)[None]
     x5_load = machine.frequency**5 * response.waves.bound(5)
     return Rests(*rests, x5 * (1 / 24), x5_load * (1 / 24))
+
+
+def _force_waves(machine: Machine, response: SteadyResponse) -> Waves:
+    """Harmonics of the forces on the masses in the steady response."""
+    x, load = response.waves, machine.waves
+    speed = x.speeds(machine.frequency)
+    spring, drag = (jnp.swapaxes(a, 0, 1) for a in (machine.stiffness, machine.damping))
+    c, s = _both(x.cosine, x.sine, spring)
+    c_rate, s_rate = _both(speed * x.sine, speed * x.cosine, drag)
+    return Waves(load.cosine - c - c_rate, load.sine - s + s_rate)
+
+
+def _both(a: Array, b: Array, matrix: Array) -> tuple[Array, Array]:
+    """Products of two arrays with the same matrix, as one."""
+    whole = matrix_product(jnp.concatenate([a, b]), matrix)
+    return whole[: len(a)], whole[len(a) :]
 
 
 class PreparedModalFlow(ExpandingFlow):

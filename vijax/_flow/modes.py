@@ -139,6 +139,9 @@ def modes_of_set(
         return None
     if (w2 <= 1e-6 * np.abs(w2).max(initial=0.0)).any():
         return None
+    if held:
+        towards_held = stiffness[np.ix_(range(len(stiffness)), held, free)] / root[:, None]
+        vectors = _turned_towards(towards_held, w2, decay, vectors)
     lanes = max(len(w2), len(decay))
     shape, inverse = np.zeros((lanes, n, n)), np.zeros((lanes, n, n))
     modes = range(len(free))
@@ -154,6 +157,38 @@ def modes_of_set(
         anchor[:, i, i] = 1.0
     w2, decay = (np.broadcast_to(a, (lanes, n)) for a in (w2, decay))
     return w2, decay, shape, inverse, anchor
+
+
+def _turned_towards(rows: np.ndarray, w2: np.ndarray, decay: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Modes of equal frequency and decay, recombined so that as few as possible act on the held masses.
+
+    Where a symmetry keeps the force on a held mass zero, it is the sum of such modes. The bounds of the force add
+    their absolute values.
+
+    Args:
+        rows: stiffness between held masses and free ones, in the coordinates of `vectors`, (lanes, held, free).
+        w2: squared frequencies in rising order, (lanes, modes).
+        decay: decay rates, (lanes, modes).
+        vectors: modes in columns, (lanes, free, modes).
+
+    Returns:
+        Modes in columns.
+    """
+    lanes, slack = max(len(rows), len(vectors)), 64 * np.finfo(w2.dtype).eps
+    differs = [
+        np.abs(np.diff(a, axis=1)) > slack * np.abs(a).max(axis=1, keepdims=True, initial=0.0)
+        for a in (w2, decay)
+    ]
+    is_new = differs[0] | differs[1]
+    if is_new.all():
+        return vectors
+    rows, vectors = (np.broadcast_to(a, (lanes, *a.shape[1:])).copy() for a in (rows, vectors))
+    is_new = np.broadcast_to(is_new, (lanes, is_new.shape[1]))
+    for lane in np.flatnonzero(~is_new.all(axis=1)):
+        for equal in np.split(np.arange(vectors.shape[2]), np.flatnonzero(is_new[lane]) + 1):
+            own = vectors[lane][:, equal]
+            vectors[lane][:, equal] = own @ np.linalg.svd(rows[lane] @ own)[2].T
+    return vectors
 
 
 def _padded(a: np.ndarray, fill: np.ndarray, count: int) -> np.ndarray:

@@ -141,9 +141,10 @@ def is_pressed(
 ) -> Bool[Array, "stops ..."]:
     """Test whether a mass at rest on its stop is held: the first derivative of the force that is not zero is positive.
 
-    A contact force that stays zero holds the mass, which is at rest either way.
+    A contact force that stays zero holds nothing. As the guard of a held mass it would bound every step, though it ends
+    nothing; the gap of the mass, which rests either way, bounds none.
     """
-    pressed = jnp.ones(force.shape, bool)
+    pressed = jnp.zeros(force.shape, bool)
     for value in (*derivatives[::-1], force):
         pressed = jnp.where(value == 0, pressed, value > 0)
     return pressed

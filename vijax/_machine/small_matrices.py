@@ -2,10 +2,8 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
-
-# Number of contacts up to which sweeps are unrolled; more are a loop, which compiles faster.
-_UNROLLED = 2
 
 
 def inverse_among(
@@ -18,29 +16,52 @@ def inverse_among(
     References:
         J. H. Goodnight, A tutorial on the sweep operator, Am. Stat. 33 (1979).
     """
-    size, a = len(matrix), matrix + jnp.zeros_like(members, matrix.dtype)[None]
-    slack = slack_of(matrix)
+    size = len(matrix)
+    if size in _WRITTEN_OUT:
+        return _WRITTEN_OUT[size](matrix, members)
+    least = slack_of(matrix) * diagonal(matrix)
 
-    def sweep(a: Array, k: Array | int) -> tuple[Array, Array]:
-        here = (jnp.arange(size) == k).reshape(-1, *[1] * (a.ndim - 2))
-        pivot, row, column = a[k, k], a[k], a[:, k]
-        is_member = members[k] & (pivot > slack * matrix[k, k])
+    def sweep(a: Array, member: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        here, is_member, least = member
+        row = jnp.sum(jnp.where(here[:, None], a, 0), axis=0)
+        column = jnp.sum(jnp.where(here[None], a, 0), axis=1)
+        pivot = jnp.sum(jnp.where(here, row, 0), axis=0)
+        is_member = is_member & (pivot > least)
         pivot = jnp.where(is_member, pivot, 1)
-        row = row / pivot
-        rest = a - column[:, None] * row[None]
-        rest = jnp.where(here[:, None], row[None], jnp.where(here[None], (-column / pivot)[:, None], rest))
-        rest = jnp.where(here[:, None] & here[None], 1 / pivot, rest)
-        return jnp.where(is_member, rest, a), is_member
+        row = jnp.where(here, 1, row) / pivot
+        rest = jnp.where(here[None], (-column / pivot)[:, None], a - column[:, None] * row[None])
+        return jnp.where(is_member, jnp.where(here[:, None], row[None], rest), a), is_member
 
-    if size <= _UNROLLED:
-        swept = []
-        for k in range(size):
-            a, is_member = sweep(a, k)
-            swept.append(is_member)
-        inside = jnp.stack(swept) if size else members
-    else:
-        a, inside = jax.lax.scan(sweep, a, jnp.arange(size))
-    return jnp.where(inside[:, None] & inside[None], a, 0)
+    heres = np.eye(size, dtype=bool).reshape(size, size, *[1] * (members.ndim - 1))
+    start = matrix + jnp.zeros_like(members, matrix.dtype)[None]
+    inverse, inside = jax.lax.scan(sweep, start, (heres, members, least))
+    return jnp.where(inside[:, None] & inside[None], inverse, 0)
+
+
+def _inverse_of_one(
+    matrix: Float[Array, "1 1 ..."], members: Bool[Array, "1 ..."]
+) -> Float[Array, "1 1 ..."]:
+    is_member = members[None] & (matrix > 0)
+    return jnp.where(is_member, 1 / jnp.where(is_member, matrix, 1), 0)
+
+
+def _inverse_of_two(
+    matrix: Float[Array, "2 2 ..."], members: Bool[Array, "2 ..."]
+) -> Float[Array, "2 2 ..."]:
+    """The two sweeps written out: they are most of the program of a machine with two contacts."""
+    (first, beside), last = matrix[0], matrix[1, 1]
+    has_first = members[0] & (first > 0)
+    first = jnp.where(has_first, first, 1)
+    share = jnp.where(has_first, beside / first, 0)
+    rest = last - beside * share
+    has_last = members[1] & (rest > slack_of(matrix) * last)
+    rest = jnp.where(has_last, rest, 1)
+    both = jnp.where(has_last, -share / rest, 0)
+    own = jnp.where(has_first, 1 / first, 0) - share * both, jnp.where(has_last, 1 / rest, 0)
+    return jnp.stack([jnp.stack([own[0], both]), jnp.stack([both, own[1]])])
+
+
+_WRITTEN_OUT = {0: lambda matrix, _: matrix, 1: _inverse_of_one, 2: _inverse_of_two}
 
 
 def slack_of(matrix: Float[Array, "contacts contacts ..."]) -> float:

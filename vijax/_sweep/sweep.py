@@ -16,7 +16,7 @@ from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Count, Numbers, whole_number
-from .._progress import tqdm
+from .._progress import interrupt_with_word_of, tqdm
 from .._system.system import ImpactSystem, with_args
 from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
@@ -150,7 +150,10 @@ def sweep(
                 "Argument `out` is for points that start by themselves: leave out `store`, `carry` and `carry_from`. Parts of a carried "
                 "sweep may be run one by one, each with a `store`, and joined by `combine`."
             )
-        return write_sweep(out, base, axes, names, added, counts, flow, executor, settings, progress=progress)
+        with interrupt_with_word_of(out):
+            return write_sweep(
+                out, base, axes, names, added, counts, flow, executor, settings, progress=progress
+            )
     points = grid_points(base, axes, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
@@ -172,7 +175,10 @@ def sweep(
             store, manifest, runner, settings if executor is None else replace(settings, cores=1)
         )
     all_points = np.arange(points.x0.shape[-1])
-    with tqdm(total=len(all_points), unit="point", disable=not progress) as bar:
+    with (
+        interrupt_with_word_of(store),
+        tqdm(total=len(all_points), unit="point", disable=not progress) as bar,
+    ):
         if chain is None:
             found = runner.run(points, all_points, bar.update)
         else:
