@@ -114,3 +114,12 @@ def test_a_machine_at_rest_feels_a_pulse_that_comes_late(width):
     root = complex(-0.05, np.sqrt(1 - 0.05**2))
     push = 100 * np.sqrt(np.pi) * width * np.exp(-30 * -root + (root * width / 2) ** 2)
     np.testing.assert_allclose(end.x1[0], (push / root.imag).imag, rtol=1e-7)
+
+
+def test_a_pulse_that_no_step_sees_is_told():
+    def pulse(t, x, v, args):
+        return jnp.where(jnp.abs(t - 30.0) < 2e-3, 100.0, 0.0) + 0 * x
+
+    machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [vx.Stop(0, 1.0, "upper", 0.5)], force=pulse)
+    with pytest.warns(UserWarning, match="changes at t = (29.99|30.00)"):
+        vx.simulate(machine, 0.0, 40.0, [0.0], [0.0])

@@ -24,6 +24,7 @@ from .loop import UNLIMITED_STEPS, Choices, LoopArguments
 from .one_call import EVENTS
 from .single_call import run_single_call
 from .solution import RESULTS, Solution, result_sentences
+from .unfelt_force import warn_of_unfelt_force
 
 
 @padding_allowed
@@ -157,6 +158,7 @@ def simulate_with(
     )
     if known:
         solution = follow_known(known.packed(flow, can_stick=can_stick), request)
+        warn_of_unfelt_force(system, (begin, end), (x, v), solution)
     else:
         # Whether stops move alike is decided here: to the derivatives no number is known.
         has_motions = any(stop.motion is not None for stop in system.stops)
