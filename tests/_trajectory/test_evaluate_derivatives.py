@@ -51,7 +51,7 @@ def test_evaluated_states_have_derivatives_in_batches_and_under_jit():
     np.testing.assert_allclose(jax.jit(jax.grad(position))(rs[0]), alone[0], rtol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_motion_over_an_orbit_has_the_same_derivatives_in_reverse():
     def position(frequency: Array) -> Array:
         machine = vx.models.wagg_bishop_a(frequency)

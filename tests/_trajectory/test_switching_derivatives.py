@@ -97,7 +97,7 @@ def moved(step: float, here, way):
     return here + step * way
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_of_many_runs_by_many_numbers_compile_under_jit():
     """XLA refuses kernels with large sums, as products of matrices of contacts become under many tangents."""
     stops, pads = [vx.CompliantStop(0, 0.3, "upper", 20.0, 0.2)], [vx.Friction(1, 0.1)]

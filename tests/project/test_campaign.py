@@ -12,7 +12,7 @@ import campaign
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("is_symmetric", [False, True])
+@pytest.mark.parametrize("is_symmetric", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_few_random_machines_obey_all_checks(is_symmetric):
     line = campaign.play(3, machines=4, most_masses=2, families=1, is_symmetric=is_symmetric)
     assert line["compared"] > 0
