@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..._jax.arrays import Numbers
-from ..._system.system import ImpactSystem
+from ..._system.system import AnySystem, machine_of
 from ...plot._axes import create_axes, figure_of
 from .arrangement import Pose
 from .canvas import TIPS, Canvas, Positive
@@ -21,7 +21,7 @@ _CLOSED = 1e-12
 
 
 def machine(
-    system: ImpactSystem,
+    system: AnySystem,
     x: Numbers | None = None,
     *,
     t: float = 0.0,
@@ -69,7 +69,9 @@ def machine(
         Wagg & Bishop (2004), Fig. 1.
     """
     check_positive(positive)
-    system = jax.tree.map(np.asarray, system)  # NumPy arrays, so that nothing is compiled for a picture
+    system = jax.tree.map(
+        np.asarray, machine_of(system)
+    )  # NumPy arrays, so that nothing is compiled for a picture
     scheme = scheme_of_system(system)
     place = np.zeros(scheme.num_masses) if x is None else np.asarray(x, float)
     if place.shape != (scheme.num_masses,):
