@@ -79,6 +79,7 @@ def test_manifolds_of_an_orbit_of_a_family(family):
     )
     k = int(np.flatnonzero(~branch.points.is_stable.values)[0]) + 1
     orbit = branch.orbit(k)
+    assert isinstance(orbit.system, vx.Family)
     own = vx.manifolds(orbit, progress=False, length=2.0)
     other = vx.manifolds(
         vx.PeriodicOrbit(**{**vars(orbit), "system": orbit.system.system}), progress=False, length=2.0

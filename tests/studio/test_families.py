@@ -105,7 +105,7 @@ def test_pictures_of_a_family():
     assert ax.get_xlabel() == "Speed"
     grazing = [line for line in ax.lines if line.get_label() == "grazing without impacts"]
     # The amplitude of the forced vibration, e W^2 / |1 - W^2 + 0.1 i W|, equals the clearance.
-    speed = grazing[0].get_xdata()[0]
+    speed = float(np.asarray(grazing[0].get_xdata())[0])
     assert 0.5 * speed**2 / abs(1 - speed**2 + 0.1j * speed) == pytest.approx(0.6, rel=1e-4)
     assert vx.plot.bifurcation(ds, stop=0, resonances=True).get_xlabel() == "Speed"
     plane = {"frequency": speeds[1:4], "clearance": [0.4, 0.5]}
@@ -128,6 +128,6 @@ def test_the_branch_of_a_family_with_moving_stops_is_drawn():
     ax = vx.plot.branch(branch, stop=0)
     k = int(np.argmin(abs(branch.values - 1.0)))
     hit = branch.orbit(k).events
-    drawn = np.concatenate([line.get_xydata() for line in ax.lines if len(line.get_xdata()) > 3])
+    drawn = np.concatenate([line.get_xydata() for line in ax.lines if np.size(line.get_xdata()) > 3])
     near = drawn[np.nanargmin(abs(drawn[:, 0] - branch.values[k]))]
     assert near[1] == pytest.approx(float(hit.velocity_minus[0]), rel=1e-6)

@@ -103,7 +103,7 @@ class Family(AbstractFamily):
             ValueError: for an unknown name, or a value with which the function returns another kind of machine.
         """
         _refuse_unknown(self.program.names, values)
-        numbers = tuple(as_float(values.get(name, a), name) for name, a in self.values.items())
+        numbers = tuple(as_float(a, name) for name, a in (self.values | values).items())
         return Family.of_program(self.program.of_kinds(kinds_of(numbers)), numbers)
 
     @classmethod

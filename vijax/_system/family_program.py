@@ -163,6 +163,10 @@ class FamilyProgram:
         except _OF_JAX as error:
             error.args = (f"{_TRACED}\n{error}",)
             raise
+        except ValueError as error:
+            if "Tracer" in str(error):  # a check of a number that must be known, such as a count
+                error.args = (f"{error} {_TRACED}",)
+            raise
         if any(map(is_tracer, program.consts)):
             raise ValueError(
                 "The function of a family reads a traced number that is none of its values: give it as a value, "
