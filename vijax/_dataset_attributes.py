@@ -167,11 +167,6 @@ def check_column(path: str) -> None:
     Raises:
         ValueError: if it names another variable or a dimension.
     """
-    if path == "mass":
-        raise ValueError(
-            "The path `mass` names a dimension already: sweep `mass[0]`, `mass[1]`, ... instead, or give the value of a family "
-            "another name."
-        )
     if is_taken(path) and "." not in path and path not in _PATHS:
         raise ValueError(
             f"The path `{path}` names a variable or a dimension of the dataset: give the value of the family another name."

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from .._dataset_attributes import check_column
 from .._execution.points import LaneInput, points_of_lanes
 from .._jax.arrays import Numbers, as_float
 from .._system.system import AnySystem, ImpactSystem
@@ -16,8 +15,12 @@ def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     axes = {path: np.asarray(as_float(v, path)) for path, v in values.items()}
     if not axes:
         raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
+    if "mass" in axes:
+        raise ValueError(
+            "The path `mass` names a dimension already: sweep `mass[0]`, `mass[1]`, ... instead, or give the value of a family "
+            "another name."
+        )
     for path, axis in axes.items():
-        check_column(path)
         if axis.ndim == 0 or len(axis) == 0:
             raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
     return axes

@@ -74,12 +74,17 @@ def build_family(
         raise ValueError(
             f'{where} must have a `function`, "package.module:function", tables `values` and `labels`, but has {dict(table)!r}.'
         )
+    if not all(isinstance(words, str) for words in labels.values()) or "labels" in values:
+        raise ValueError(
+            f"{where} must have texts as `labels`, and numbers as `values`, none of the name `labels`."
+        )
     if isinstance(function, Family):
         function = function.function
     digest = str(table.get("program", ""))
     numbers = {name: array_of(a, f"`values.{name}`", dtype) for name, a in values.items()}
-    if function is None and digest in _described:
-        return _of_program(_described[digest], numbers)
+    known = _described.get(digest)
+    if function is None and known is not None and numbers.keys() == {*known.names}:
+        return _of_program(known, numbers)
     family = Family(function or _imported(path, allow_forces), labels=labels, **numbers)
     releases, _, program = family.program.digest.partition("-")
     # Other releases make other programs of one function.

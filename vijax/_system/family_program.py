@@ -137,7 +137,8 @@ class FamilyProgram:
     def digest(self) -> str:
         """Digest of the releases that make the program, and of the program, which other processes find too."""
         releases = repr([(name, version(name)) for name in ("vijax", "jax", "equinox")])
-        text = re.sub(r"0x[0-9a-f]+", "", repr(self._key))
+        # Functions are told by their names; what a force computes is told by its program.
+        text = re.sub(r"0x[0-9a-f]+", "", repr((self._key, _key_of_force(self.shapes()))))
         return "-".join(hashlib.sha256(a.encode()).hexdigest()[:24] for a in (releases, text))
 
     @cached_property
@@ -182,6 +183,14 @@ class FamilyProgram:
     @cached_property
     def _hash(self) -> int:
         return hash(self._key)
+
+
+def _key_of_force(shapes: ImpactSystem) -> tuple | None:
+    """Key of the program of a force, bound; None if there is none."""
+    if shapes.force is None:
+        return None
+    t, x = shapes.forcing.frequency, jax.ShapeDtypeStruct((shapes.num_masses,), shapes.stiffness.dtype)
+    return key_of_jaxpr(jax.make_jaxpr(lambda force, *at: force(*at))(shapes.force, t, x, x))
 
 
 def _in_parts(

@@ -248,6 +248,45 @@ def test_a_file_gives_the_family_back(tmp_path):
     assert table["family"]["function"] == "families:tower"
 
 
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"values": {"stiffnesses": [1.0, 2.0]}},
+        {"function": "families:tower", "values": [1.0]},
+        {"function": "families:tower", "values": {"stiffnesses": "stiff"}},
+        {"function": "families:tower", "values": {"stiffnesses": [1.0, 2.0], "labels": 1.0}},
+        {"function": "families:tower", "values": {"stiffnesses": [1.0, 2.0]}, "labels": {"ratio": 1.0}},
+        {"function": "families:tower", "values": {"ratio": 1.0}},
+        {"function": "tower", "values": {"stiffnesses": [1.0, 2.0]}},
+        {"function": "families:none", "values": {"stiffnesses": [1.0, 2.0]}},
+    ],
+    ids=str,
+)
+def test_a_damaged_table_gets_a_sentence(table, tmp_path):
+    file = tmp_path / "family.json"
+    file.write_text(json.dumps({"family": table}))
+    with pytest.raises(ValueError, match=r"family\.json: "):
+        vx.load(file, allow_forces=["families"])
+
+
+def with_cubic(factor):
+    def force(t, x, v, args):
+        return -factor * x**3
+
+    return vx.Family(
+        lambda w: vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.3], w), force=force), w=0.8
+    )
+
+
+def test_families_that_differ_in_their_force_alone_are_told_apart():
+    first, second = with_cubic(0.1), with_cubic(0.2)
+    assert first.program.digest != second.program.digest == with_cubic(0.2).program.digest
+    ds = vx.sweep(first, {"w": [0.8]}, transient=2, record=1, progress=False)
+    vx.sweep(second, {"w": [0.8]}, transient=2, record=1, progress=False)
+    found = vx.system_of(ds)
+    np.testing.assert_array_equal(vx.simulate(found, 0.0, 5.0).x1, vx.simulate(first, 0.0, 5.0).x1)
+
+
 def test_a_file_needs_permission_and_an_import_path(tmp_path):
     file = tmp_path / "family.json"
     file.write_text(json.dumps({"family": {"function": "os:system", "values": {"command": 1.0}}}))
