@@ -101,7 +101,9 @@ def test_pictures_of_a_family():
     family = vx.Family(rotor, frequency=0.7, labels={"frequency": "Speed", "clearance": "Clearance"})
     speeds = np.linspace(0.6, 0.8, 5)
     ds = vx.sweep(family, {"frequency": speeds}, transient=200, progress=False)
-    ax = vx.plot.bifurcation(ds, stop=0, orbits=[vx.periodic_orbit(family, ds.x[2], ds.v[2])], grazing=True)
+    ax = vx.plot.bifurcation(
+        ds, stop=0, orbits=[vx.periodic_orbit(family, ds.x.values[2], ds.v.values[2])], grazing=True
+    )
     assert ax.get_xlabel() == "Speed"
     grazing = [line for line in ax.lines if line.get_label() == "grazing without impacts"]
     # The amplitude of the forced vibration, e W^2 / |1 - W^2 + 0.1 i W|, equals the clearance.

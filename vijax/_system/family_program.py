@@ -63,6 +63,9 @@ class FamilyProgram:
     def __hash__(self) -> int:
         return self._hash
 
+    def __repr__(self) -> str:
+        return self.name
+
     def __reduce__(self) -> tuple:
         # The trace is made where it is needed: a worker may read this before it sets its precision.
         return FamilyProgram, (self.function, self.names, self.labels, self.kinds)
@@ -98,7 +101,10 @@ class FamilyProgram:
     def machine(self, numbers: tuple[Any, ...]) -> ImpactSystem:
         """The machine at numbers, its force bound. Concrete numbers are checked, and evaluated one operation after another."""
         own = self.of_kinds(kinds_of(numbers))
-        found = jax.tree.unflatten(jax.tree.structure(own.shapes()), own._run(*numbers))
+        leaves = own._run(*numbers)
+        if not any(map(is_tracer, numbers)):  # results that are arguments or constants may be NumPy's
+            leaves = map(jnp.asarray, leaves)
+        found = jax.tree.unflatten(jax.tree.structure(own.shapes()), leaves)
         check_again(found)
         return found
 
