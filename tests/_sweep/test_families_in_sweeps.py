@@ -114,6 +114,17 @@ def test_the_dataset_gives_the_family_back():
     np.testing.assert_allclose(sol.x1, point.x, rtol=1e-8)
 
 
+def test_the_function_is_given_back_to_the_dataset_of_a_family_alone():
+    family = vx.Family(rotor, frequency=0.8)
+    ds = sweep(family, {"frequency": SPEEDS})
+    for given in (rotor, family):
+        assert isinstance(vx.system_of(ds, family=given), vx.Family)
+    with pytest.raises(ValueError, match="`family` is the function of a family, but"):
+        vx.system_of(sweep(rotor(0.8), {"x0[0]": [0.0]}), family=rotor)
+    with pytest.raises(ValueError, match="`force` is for machines"):
+        vx.system_of(ds, force=lambda t, x, v, args: x)
+
+
 def test_functions_of_notebooks_are_known_in_their_process():
     ds = sweep(made_by_cell(), {"w": np.linspace(0.6, 0.7, 3)}, transient=200)
     assert isinstance(vx.system_of(ds), vx.Family)

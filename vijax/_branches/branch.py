@@ -26,6 +26,7 @@ from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .._sweep.short_names import with_labels
+from .._system.family import Family as FamilyOfUser
 from .._system.family_description import attributes_of_system, system_from
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
@@ -69,7 +70,7 @@ class Branch:
     system: AnySystem | None = None
     allow_forces: Allowed = field(default=False, kw_only=True)
     force: Callable | None = field(default=None, kw_only=True)
-    family: Callable | None = field(default=None, kw_only=True)
+    family: Callable | FamilyOfUser | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         if self.system is not None and self.force is not None:

@@ -70,7 +70,7 @@ def system_of(
     *,
     allow_forces: Allowed = False,
     force: Callable | None = None,
-    family: Callable | None = None,
+    family: Callable | Family | None = None,
 ) -> ImpactSystem | Family:
     """Build the machine of a sweep again, from its dataset alone, in memory or from a file.
 
@@ -147,13 +147,16 @@ def _at_points(
     which: np.ndarray | None,
     allow_forces: Allowed = False,
     force: Callable | None = None,
-    family: Callable | None = None,
+    family: Callable | Family | None = None,
 ) -> tuple[LaneInput, dict[str, np.ndarray]]:
     """Where nothing is swept, and the swept values by their paths, (points, ...); see `machines_of`."""
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
-    if "family" in ds.attrs and not (isinstance(force, NamedForce) and not dims):
-        system = system_from(ds.attrs, allow_forces=allow_forces, family=family)
+    is_named = isinstance(force, NamedForce)
+    if family is not None or ("family" in ds.attrs and (dims or not is_named)):
+        system = system_from(
+            ds.attrs, allow_forces=allow_forces, force=None if is_named else force, family=family
+        )
     else:
         system = _built(ds.attrs, allow_forces, force)
     start = np.zeros(system.num_masses, ds.attrs["dtype"])

@@ -49,7 +49,7 @@ def build_family(
     dtype: DTypeLike,
     *,
     allow_forces: Allowed = False,
-    function: Callable | None = None,
+    function: Callable | Family | None = None,
     where: str = "The family",
 ) -> Family:
     """Family of a table.
@@ -107,7 +107,7 @@ def system_from(
     *,
     allow_forces: Allowed = False,
     force: Callable | None = None,
-    family: Callable | None = None,
+    family: Callable | Family | None = None,
 ) -> AnySystem:
     """Machine or family of the attributes of a dataset, see `build` and `build_family`."""
     text = attributes.get("family")
@@ -117,6 +117,10 @@ def system_from(
                 "Argument `family` is the function of a family, but the dataset is that of a machine: leave it out."
             )
         return build_from(attributes, allow_forces=allow_forces, force=force)
+    if force is not None:
+        raise ValueError(
+            "Argument `force` is for machines, but the dataset is that of a family: give its function, `family`."
+        )
     name = "The attribute `family` of the dataset"
     dtype = "float32" if attributes.get("dtype") == "float32" else "float64"
     return build_family(
