@@ -66,6 +66,7 @@ from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
 from ._system.compliant import CompliantContact as CompliantContact, CompliantStop as CompliantStop
 from ._system.contact import Contact as Contact
+from ._system.family import Family as Family
 from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
 from ._system.friction import Friction as Friction

@@ -157,6 +157,22 @@ def is_taken(name: str) -> bool:
     return name in _MEANINGS or name in _DIMENSIONS
 
 
+# Names that are paths of machines alone.
+_PATHS = ("damping", "stiffness", "force", "args", "x0", "v0")
+
+
+def check_column(path: str) -> None:
+    """Refuse a path that cannot name a column of a dataset.
+
+    Raises:
+        ValueError: if it names another variable or a dimension.
+    """
+    if is_taken(path) and "." not in path and path not in _PATHS:
+        raise ValueError(
+            f"The path `{path}` names a variable or a dimension of the dataset: give the value of the family another name."
+        )
+
+
 def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:
     """Attributes that name the codes 0, 1, 2, ... of a variable."""
     return {"flag_values": np.arange(len(names), dtype=np.int8), "flag_meanings": " ".join(names)}

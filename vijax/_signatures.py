@@ -11,6 +11,8 @@ from jaxtyping import AbstractArray
 
 _ARRAY_LIKE = {"Array", "ndarray", "bool", "number", "int", "float", "complex"}
 _NUMBERS = {"ArrayLike", "Sequence[Any]"}
+# Public names of classes behind others.
+_PUBLIC = {"AbstractFamily": "Family"}
 
 
 class _Words:
@@ -62,9 +64,10 @@ def words_of(annotation: Any) -> str:
     if origin in (Union, UnionType):
         return " | ".join(_without_parts([words_of(one) for one in arguments]))
     if not arguments:
-        return getattr(annotation, "__name__", repr(annotation)).rpartition(".")[
+        name = getattr(annotation, "__name__", repr(annotation)).rpartition(".")[
             2
         ]  # `Array` of JAX has a dotted name
+        return _PUBLIC.get(name, name)
     name = getattr(origin, "__name__", repr(origin))
     if name == "Literal":
         return f"Literal[{', '.join(map(repr, arguments))}]"

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -77,7 +78,7 @@ def _by_scipy(ds: xr.Dataset, orbits: xr.Dataset) -> dict:
     }
 
 
-def _shoot(system: vx.ImpactSystem, guess: np.ndarray, num_periods: int) -> np.ndarray:
+def _shoot(system: Any, guess: np.ndarray, num_periods: int) -> np.ndarray:
     """The fixed point of the stroboscopic map near a guess."""
     strobe, frequency = strobe_of(system, num_periods), float(system.forcing.frequency)
     return scipy.optimize.root(lambda y: strobe(y, frequency) - y, guess, tol=1e-11).x

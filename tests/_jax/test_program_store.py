@@ -186,6 +186,16 @@ def test_a_function_without_a_name_is_stored_by_its_text(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_other_cache")
+def test_functions_of_one_text_that_read_other_arguments_are_told_apart(tmp_path, monkeypatch):
+    functions = [(lambda a, b: 2 * a, 2.0), (lambda a, b: 2 * b, 4.0), (lambda *a: 2 * a[0], 2.0)]
+    x, y = np.array([1.0]), np.array([2.0])
+    for function, expected in functions:
+        twice = programs_in(tmp_path, monkeypatch, function, name=None)
+        assert twice(x, y) == expected
+    assert programs_in(tmp_path, monkeypatch, functions[-1][0], name=None)(x) == 2.0
+
+
+@pytest.mark.usefixtures("no_other_cache")
 def test_donated_arrays_are_used_up_by_a_stored_program_too(tmp_path, monkeypatch):
     for _ in range(2):
         monkeypatch.setattr(program_store._active, "is_chosen", True)

@@ -18,7 +18,7 @@ from .._sweep.random_numbers import Rng, generator_of
 from .._sweep.short_names import with_names
 from .._sweep.zipped import START
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, machine_of, varied
 from .coexisting import coexisting, lasting
 from .ensemble import Machines
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, is_beyond, listed_starts
@@ -27,7 +27,7 @@ from .table import attractor_dataset, attributes_of, sorted_by_share
 
 @padding_allowed
 def attractors(
-    system: ImpactSystem,
+    system: AnySystem,
     starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     transient: Count = 100,
@@ -118,7 +118,7 @@ def attractors(
 
 def machines_of_one(
     who: str,
-    system: ImpactSystem,
+    system: AnySystem,
     args: object,
     transient: Count,
     record: Count,
@@ -138,7 +138,7 @@ def machines_of_one(
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     own = as_numpy_float(system.forcing.frequency).reshape(1)
     return Machines(
-        system=with_args(system, args),
+        system=varied(system, args),
         values={},
         rate=own,
         transient=transient,
@@ -163,11 +163,12 @@ def requested_starts(
     """The starts, given in any form."""
     if isinstance(starts, Mapping):
         return grid_of_starts(machines.system, starts, x0, v0)
+    own = machine_of(machines.system)
     if isinstance(starts, tuple) or np.ndim(cast(Any, starts)):
-        return listed_starts(machines.system, cast(Any, starts))
+        return listed_starts(own, cast(Any, starts))
     count = whole_number("starts", starts, 1)
     box = bounds_of(machines.for_sweep_of(count), bounds)
-    return drawn_starts(machines.system, count, box, rng)
+    return drawn_starts(own, count, box, rng)
 
 
 def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
@@ -175,7 +176,7 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     # Of a grid, starts beyond a stop are left out; a listed one is refused.
     is_in = np.ones(len(starts.states), bool)
     if START not in starts.axes:
-        is_in = ~is_beyond(machines.system, starts.states, rigid=True)
+        is_in = ~is_beyond(machine_of(machines.system), starts.states, rigid=True)
     if not is_in.any():
         raise ValueError("Every start of the grid lies beyond a stop: name values between the stops.")
     own = starts.states[is_in]

@@ -8,7 +8,7 @@ import xarray as xr
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, refuse_single_precision
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem
 from .attractors import attractors
 
 # `_LEAST_DISTANCES`: distances to neighbours that a slope and its error need.
@@ -17,7 +17,7 @@ _LEAST_DISTANCES, _FARTHEST = 3, 8
 
 
 def basins(
-    system: ImpactSystem,
+    system: AnySystem,
     grid: Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     transient: Count = 100,

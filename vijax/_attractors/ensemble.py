@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from .._execution.points import LaneInput, with_values
 from .._execution.runner import Counts
 from .._execution.settings import ExecutionSettings
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import as_numpy_float
 from .._orbits.many import Orbits
 from .._orbits.sweep_orbits import search_orbits
 from .._progress import tqdm
@@ -21,9 +23,8 @@ from .._sections.recurrence import recurrence
 from .._sections.section_side import after_impacts, machines_of_lanes, padded_to_power_of_two
 from .._sweep.zipped import sweep_zipped
 from .._system.contact import AbstractLimit
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem, ImpactSystem, machine_of
 
-FREQUENCY = "forcing.frequency"
 # Room for the events of a cycle that is polished.
 _MAX_EVENTS = 256
 # `_SETTLING`: forcing periods before the growth of perturbations is averaged.
@@ -78,7 +79,7 @@ class Machines:
         is_wide: true if the first sweep has more points than lanes.
     """
 
-    system: ImpactSystem
+    system: AnySystem
     values: dict[str, np.ndarray]
     rate: np.ndarray
     transient: int
@@ -96,8 +97,7 @@ class Machines:
 
     def of_plane(self, values: dict[str, np.ndarray], num_machines: int) -> "Machines":
         """`num_machines` machines that differ by some quantities, one value for each."""
-        rate = values.get(FREQUENCY, np.full(num_machines, self.rate[0]))
-        return replace(self, values=values, rate=rate)
+        return replace(self, values=values, rate=frequencies_at(self.system, values, num_machines))
 
     def scale(self, machine: np.ndarray) -> np.ndarray:
         """Factors that turn states (x, v) into (W x, v), (points, 2 n)."""
@@ -127,9 +127,7 @@ class Machines:
 
     def lanes(self, machine: np.ndarray) -> ImpactSystem:
         """The machine of each point, lanes last."""
-        zero = np.zeros(self.system.num_masses, self.rate.dtype)
-        of_point = {path: a[machine] for path, a in self.values.items()}
-        return with_values(LaneInput(self.system, zero, zero), of_point).system
+        return _lanes_at(self.system, {path: a[machine] for path, a in self.values.items()})
 
     def onto_stops(self, states: np.ndarray, machine: np.ndarray, within: float = float("inf")) -> np.ndarray:
         """Move states (W x, v), (points, 2 n), back onto the stops beyond which they lie.
@@ -187,7 +185,9 @@ class Machines:
         """Search for the cycles near states (W x, v) that nearly repeat."""
         # At least two, with a frequency each: this shares the program of the orbits of a sweep over the frequency.
         number = np.resize(np.arange(len(states)), max(2, len(states)))
-        lanes = replace(self, values={FREQUENCY: self.rate} | self.values).lanes(machine[number])
+        lanes = eqx.tree_at(
+            lambda s: s.forcing.frequency, self.lanes(machine[number]), self.rate[machine[number]]
+        )
         starts = (states / self.scale(machine))[number]
         found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
         return Orbits(*(a[: len(states)] for a in found))
@@ -205,6 +205,16 @@ class Machines:
         }
         found = lyapunov_exponents(system, x, v, **candidates, with_error=True, throw=False, progress=False)
         return np.asarray(found[0]), np.asarray(found[1])
+
+
+def frequencies_at(system: AnySystem, values: dict[str, np.ndarray], num_machines: int) -> np.ndarray:
+    """W of machines that differ by some quantities, (machines,)."""
+    return np.array(np.broadcast_to(_lanes_at(system, values).forcing.frequency, num_machines))
+
+
+def _lanes_at(system: AnySystem, values: dict[str, np.ndarray]) -> ImpactSystem:
+    zero = np.zeros(system.num_masses, as_numpy_float(0.0).dtype)
+    return machine_of(with_values(LaneInput(system, zero, zero), values).system)
 
 
 def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,25 +5,27 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import check_column
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision
 from .._jax.xla import padding_allowed
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._sweep.random_numbers import Rng, generator_of
+from .._sweep.short_names import with_labels
 from .._system.parameters import find_parameter, set_parameter
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem
 from .attractor_matching import branch_numbers, seeded
 from .attractors import machines_of_one, requested_starts
 from .coexisting import coexisting, lasting
-from .ensemble import FREQUENCY
+from .ensemble import frequencies_at
 from .erosion import check_grid, erosion_columns
 from .table import attributes_of, table_along
 
 
 @padding_allowed
 def follow_attractors(
-    system: ImpactSystem,
+    system: AnySystem,
     path: str,
     values: Numbers,
     starts: Count | tuple[Numbers, Numbers] | Numbers = 100,
@@ -128,14 +130,14 @@ def follow_attractors(
         table = table.assign(erosion_columns(machines, motions, begun, labels, given))
     warn_of_unsettled(int(table["num_not_settled"].sum()), len(states), machines.transient)
     coordinates = {path: (path, along), "stop_mass": ds["stop_mass"]}
-    return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))
+    return with_labels(table.assign_coords(coordinates).assign_attrs(attributes_of(ds)), one.system)
 
 
-def _values(system: ImpactSystem, path: str, values: Numbers) -> tuple[np.ndarray, np.ndarray]:
+def _values(system: AnySystem, path: str, values: Numbers) -> tuple[np.ndarray, np.ndarray]:
     """Values of the parameter, and W for each."""
     along = as_numpy_float(values)
     if along.ndim != 1 or not along.size:
         raise ValueError(f"Argument `values` must have shape (values,), but has {along.shape}.")
     find_parameter(system, path)
-    own = as_numpy_float(system.forcing.frequency)
-    return along, along if path == FREQUENCY else np.full(len(along), own)
+    check_column(path)
+    return along, frequencies_at(system, {path: along}, len(along))

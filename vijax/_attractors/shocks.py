@@ -12,6 +12,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, whole_number
 from .._sweep.provenance import machines_of
 from .._sweep.short_names import with_paths
+from .._system.system import machine_of
 from .attractor import Attractor
 from .attractors import machines_of_one
 from .coexisting import coexisting
@@ -37,7 +38,7 @@ class Shocks:
 
     def is_beyond(self, kicks: np.ndarray) -> np.ndarray:
         """True where a shock (W x, v), (points, 2 n), would throw a mass beyond a stop."""
-        return is_beyond(self.machines.system, self.states(kicks))
+        return is_beyond(machine_of(self.machines.system), self.states(kicks))
 
     def states(self, kicks: np.ndarray) -> np.ndarray:
         """States (x, v) after shocks, (points, 2 n)."""

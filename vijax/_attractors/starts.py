@@ -12,7 +12,7 @@ from .._sweep.short_names import without_names
 from .._sweep.zipped import START
 from .._system.checks import is_past
 from .._system.parameters import find_parameter
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem, ImpactSystem, machine_of
 from .ensemble import Machines
 
 # Number of times that starts beyond stops are drawn again.
@@ -34,7 +34,7 @@ class Starts(NamedTuple):
 
 
 def grid_of_starts(
-    system: ImpactSystem,
+    system: AnySystem,
     values: Mapping[str, Numbers | tuple[str, Numbers]],
     x0: Numbers | None,
     v0: Numbers | None,
@@ -99,7 +99,7 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     From as near to rest as the stops allow, the machine is run through its transient. The box holds the motion of the
     masses in the recorded periods, twice as large.
     """
-    system = machines.system
+    system = machine_of(machines.system)
     n = system.num_masses
     if bounds is not None:
         given = as_numpy_float(bounds)

@@ -12,7 +12,8 @@ from .._jax.errors import checked
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import compile_lightly, differentiable, padding_allowed
 from .._orbits.cycle import traverse
-from .._system.system import ImpactSystem, with_args
+from .._system.parameters import is_parameter
+from .._system.system import AnySystem, varied
 from .admissibility import margins_of_cycle
 from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation
@@ -31,7 +32,7 @@ _SENTENCES = (
 
 
 @padding_allowed
-def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool = True) -> Scalar:
+def bifurcation_value(point: Bifurcation, system: AnySystem, *, throw: bool = True) -> Scalar:
     """Return the value of the parameter at which a machine has a bifurcation, as a differentiable function.
 
     Newton's method solves the defining system for a machine close to that of the point: the equations of the orbit,
@@ -75,7 +76,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
     with concrete_evaluation():
         values = point.branch.values
         defining, guess = defining_system_of(point, float(values.min()), float(values.max()))
-    defining = _of_machine(defining, with_args(system, None))
+    defining = _of_machine(defining, varied(system, None))
     condition, y, number = _solved(stop_gradients(defining), guess)
     solved = replace(defining, condition=condition), y
     # JAX cannot transpose its derivative of an ODE solver; exact flows compile faster without `differentiable`.
@@ -83,7 +84,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
     return checked(found, number, _SENTENCES) if throw else known_or_nan(number == 0, found)
 
 
-def _of_machine(defining: DefiningSystem, system: ImpactSystem) -> DefiningSystem:
+def _of_machine(defining: DefiningSystem, system: AnySystem) -> DefiningSystem:
     """Defining system with the machine replaced."""
     make = lambda system: (system.num_masses, [stop.slot or (*stop.coefficients,) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
@@ -92,6 +93,11 @@ def _of_machine(defining: DefiningSystem, system: ImpactSystem) -> DefiningSyste
         raise ValueError(
             f"Argument `system` must be a machine like that of the point, with {masses} masses, "
             f"{'a' if has_force else 'no'} `force` and stops at (mass, side) = {stops}."
+        )
+    if not is_parameter(system, defining.family.path):
+        raise ValueError(
+            f"Argument `system` must have the parameter `{defining.family.path}` of the branch: for a point on a branch of a family "
+            "give a family, as family.at(...), else a machine."
         )
     # The same exact flow for concrete and for traced matrices: one program.
     flow = defining.family.flow if has_force else TaylorFlow()

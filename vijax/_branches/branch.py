@@ -25,10 +25,12 @@ from .._orbits.floquet import with_phase
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
 from .._orbits.sequence import NOTHING, SECOND, Sequence
-from .._system.description import build_from, describe
+from .._sweep.short_names import with_labels
+from .._system.family import Family as FamilyOfUser
+from .._system.family_description import attributes_of_system, system_from
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem, bound
+from .._system.system import AnySystem, bound, machine_of
 from .kernels import CorrectedCycle
 from .kinds import MONITOR, End, public_kind
 from .parameter_family import ExtendedCycle, Family
@@ -61,12 +63,14 @@ class Branch:
             the attributes of `points` when an orbit is requested.
         allow_forces: modules from which the `force` of that machine may be imported, as for `vx.system_of`.
         force: the force of that machine, as for `vx.system_of`.
+        family: the function of the family whose value was varied, as for `vx.system_of`.
     """
 
     points: xr.Dataset
-    system: ImpactSystem | None = None
+    system: AnySystem | None = None
     allow_forces: Allowed = field(default=False, kw_only=True)
     force: Callable | None = field(default=None, kw_only=True)
+    family: Callable | FamilyOfUser | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         if self.system is not None and self.force is not None:
@@ -116,8 +120,8 @@ class Branch:
 
     def orbit(self, k: int) -> PeriodicOrbit:
         """Return the orbit at point `k`."""
-        system = self.system or build_from(
-            self.points.attrs, allow_forces=self.allow_forces, force=self.force
+        system = self.system or system_from(
+            self.points.attrs, allow_forces=self.allow_forces, force=self.force, family=self.family
         )
         _check(self.points)
         _check_orbits(self.points, system)
@@ -162,7 +166,7 @@ def _check(points: xr.Dataset) -> None:
         )
 
 
-def _check_orbits(points: xr.Dataset, system: ImpactSystem) -> None:
+def _check_orbits(points: xr.Dataset, system: AnySystem) -> None:
     """Reject a branch from which no orbit of the machine can be built."""
     period = {} if points.attrs["num_periods"] else {"period": ("point",)}
     check_columns(points, "`branch.points`", _OF_ORBITS | period)
@@ -217,7 +221,7 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     """Join the walks backwards and forwards from a point to a branch, whose dataset is made when it is first read."""
     branch = object.__new__(Branch)
     walks = [replace(walk, points=walk.all_points(), monitored=[], cascade=[]) for walk in (back, forth)]
-    own = {"system": family.system, "allow_forces": False, "force": None}
+    own = {"system": family.system, "allow_forces": False, "force": None, "family": None}
     branch.__dict__.update(own, _dataset=partial(_dataset, family, start, *walks))
     return branch
 
@@ -237,7 +241,7 @@ def _dataset(family: Family, start: BranchPoint, back: DirectedBranch, forth: Di
         "start": (("point", "state"), seen.found.place.z * family.scale),
     }
     attrs = {
-        "system": json.dumps(describe(family.system)),
+        **attributes_of_system(family.system),
         "dtype": str(columns["x0"][1].dtype),
         "path": family.path,
         "num_periods": 0 if family.is_autonomous else int(family.num_periods),
@@ -252,7 +256,7 @@ def _dataset(family: Family, start: BranchPoint, back: DirectedBranch, forth: Di
     ds = xr.Dataset(columns, attrs=attrs).set_coords(family.path)
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))
-    return ds
+    return with_labels(ds, family.system)
 
 
 _with_phase = jax.jit(jax.vmap(with_phase))
@@ -329,17 +333,18 @@ def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
     return whole
 
 
-def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
+def _orbit(system: AnySystem, point: xr.Dataset) -> PeriodicOrbit:
     """Orbit of one point of a branch."""
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
     columns = {name: point[name].values for name in _OF_SEQUENCE if name in point}
     sequence = _sequence_at(columns, point.sizes["event"])
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
-    flow = choose_flow(system, can_stick=True) if n else TaylorFlow()
+    machine = machine_of(system)
+    flow = choose_flow(machine, can_stick=True) if n else TaylorFlow()
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
     cycle = jax.tree.map(jnp.asarray, sequence), unknowns, np.asarray(float(n or 1)), np.asarray(phase)
     events, progression = _log(
-        numbers_of(system), flow, *cycle, room=_room_of_log(sequence), is_autonomous=n == 0
+        numbers_of(machine), flow, *cycle, room=_room_of_log(sequence), is_autonomous=n == 0
     )
     period = n * system.forcing.period
     if n == 0:

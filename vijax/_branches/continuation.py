@@ -11,7 +11,7 @@ from .._jax.arrays import Count, as_numpy_float, real_number, refuse_single_prec
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import Interrupted, interrupt_with_result, tqdm
-from .._system.parameters import set_parameter
+from .._system.parameters import machine_at
 from .branch import Branch, branch_of
 from .corrector import MOST_TOLERANCE
 from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
@@ -219,7 +219,7 @@ def follow_branches(
     families = families_of(starts, path, low, high, options.tolerance)
     for family in families[:1]:  # the same values are valid for the others
         for value in (low, high):
-            set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
+            machine_at(jax.tree.map(jnp.asarray, family.system), path, value)
     all_points = points_of(starts, families)
     if None in all_points and not leaves_out:
         k = all_points.index(None)

@@ -11,6 +11,7 @@ from .._flow.taylor import TaylorFlow
 from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._progress import interrupt_with_result, tqdm
+from .._sweep.short_names import with_labels
 from .._system.parameters import get_parameter
 from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation
@@ -143,4 +144,4 @@ def _dataset(point: Bifurcation, path: str, found: list[CurveState], ends: list[
     ds = xr.Dataset(columns, attrs=attrs | versions()).set_coords([point.branch.path, path])
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))
-    return ds
+    return with_labels(ds, family.system)

@@ -22,8 +22,8 @@ from .._jax.xla import padding_allowed
 from .._orbits.autonomous import with_unit
 from .._sweep.quantities import checked_quantities
 from .._sweep.zipped import START, sweep_zipped
-from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
+from .._system.parameters import machine_at
+from .._system.system import AnySystem, ImpactSystem, machine_of
 from .._trajectory.simulate import simulate
 from .._trajectory.solution import RESULTS, Solution
 from .branch import Branch
@@ -38,14 +38,14 @@ _FREQUENCY = "forcing.frequency"
 _SPARE = 64
 
 
-def checked_cycle_quantities(wanted: Quantities, system: ImpactSystem) -> dict[str, Quantity]:
+def checked_cycle_quantities(wanted: Quantities, system: AnySystem) -> dict[str, Quantity]:
     """The wanted quantities by the names of their columns.
 
     Raises:
         ValueError: for a name that is unknown or does not follow for this machine, or one that a column has already.
     """
     # The start of a cycle is known too, so one period has a mean velocity.
-    counts = _counts(2, 1)
+    counts, system = _counts(2, 1), machine_of(system)
     if not isinstance(wanted, Mapping):
         return {name: name for name in checked_quantities(wanted, system, counts)}
     pairs = dict(wanted)
@@ -152,11 +152,11 @@ def _stays(system: ImpactSystem, starts: np.ndarray, ends: np.ndarray) -> np.nda
 class _Cycles:
     """Orbits at the points of a branch that the machine follows."""
 
-    def __init__(self, system: ImpactSystem, points: xr.Dataset, flow: AbstractFlow | None):
+    def __init__(self, system: AnySystem, points: xr.Dataset, flow: AbstractFlow | None):
         self.points, self.flow, self.path = points, flow, points.attrs["path"]
         self.is_autonomous = points.attrs["num_periods"] == 0
         # A cycle without load is run as one forcing period, under a load that is constant.
-        self.system = with_unit(system, 1.0) if self.is_autonomous else system
+        self.system = with_unit(machine_of(system), 1.0) if self.is_autonomous else system
         self.num_periods = int(points.attrs["num_periods"]) or 1
         self.phase = 2 * np.pi * float(points.attrs["phase"])
         self.num_events = points.sizes["event"]
@@ -180,7 +180,7 @@ class _Cycles:
             quantities=names,
         )
         ends = np.concatenate([run["section_x"][:, -1], run["section_v"][:, -1]], axis=1)
-        n, stays = self.system.num_masses, _stays(self.system, starts, ends)
+        n, stays = self.system.num_masses, _stays(machine_of(self.system), starts, ends)
         span = self.num_periods * run["forcing_period"].values[:, None]
         if "mean_velocity" in names:
             run["mean_velocity"].values[:] = (ends[:, :n] - starts[:, :n]) / span
@@ -203,7 +203,7 @@ class _Cycles:
         return run_of_cycle(system, self.num_periods, self.phase, start, self.flow, self.num_events)
 
     def _machine(self, value: Any) -> ImpactSystem:
-        return set_parameter(jax.tree.map(jnp.asarray, self.system), self.path, value)
+        return machine_at(jax.tree.map(jnp.asarray, self.system), self.path, value)
 
     def _starts(self) -> np.ndarray:
         """States of the cycles at the beginning of a forcing period, (points, 2 n)."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from .._flow.interface import AbstractFlow
 from .._orbits.autonomous import with_unit
-from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
+from .._system.parameters import machine_at
+from .._system.system import AnySystem
 from .._trajectory.solution import Solution
 from .bracket import Bracket, next_trial
 from .branch import Branch, branch_of
@@ -162,8 +162,8 @@ class WatchedWalk:
 
     def _solution(self, point: BranchPoint) -> Solution | None:
         family = self.family
-        own: ImpactSystem = jax.tree.map(jnp.asarray, family.system)
-        system = set_parameter(own, family.path, point.place.p * family.span)
+        own: AnySystem = jax.tree.map(jnp.asarray, family.system)
+        system = machine_at(own, family.path, point.place.p * family.span)
         if family.is_autonomous:
             system = with_unit(system, float(np.sum(point.place.flights) * system.forcing.period))
         cycle = int(family.num_periods), 2 * np.pi * float(family.phase), np.asarray(point.seen.start)

@@ -13,8 +13,8 @@ from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, prepared
 from .._orbits.rigid_modes import all_shifts
 from .._orbits.sequence import Sequence
-from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
+from .._system.parameters import machine_at, set_parameter
+from .._system.system import AnySystem, ImpactSystem
 
 
 class ExtendedCycle(NamedTuple):
@@ -56,7 +56,7 @@ class Family(eqx.Module):
     """Machines at all values of one parameter or two, and the equations of their cycles.
 
     Attributes:
-        system: one of the machines, its force bound to its `args`.
+        system: one of the machines, its force bound to its `args`; or the family of the user that has the parameters.
         flow: motion between events.
         num_periods: n.
         phase: start of a cycle, in forcing periods.
@@ -70,7 +70,7 @@ class Family(eqx.Module):
         is_autonomous: true where no load sets the period, see `Problem`; the unit of time is the period of the first orbit.
     """
 
-    system: ImpactSystem
+    system: AnySystem
     flow: AbstractFlow
     num_periods: Reals
     phase: Reals
@@ -86,9 +86,9 @@ class Family(eqx.Module):
     def system_at(self, p: Reals) -> ImpactSystem:
         """The machine at a value of the scaled parameter, or of both parameters."""
         if self.second is None:
-            return set_parameter(self.system, self.path, p * self.span)
+            return machine_at(self.system, self.path, p * self.span)
         first, second = p * self.span
-        return set_parameter(set_parameter(self.system, self.path, first), self.second, second)
+        return machine_at(set_parameter(self.system, self.path, first), self.second, second)
 
     @property
     def last_phase(self) -> float:

@@ -8,6 +8,8 @@ import jax
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import check_column
+from .._execution.points import LaneInput, with_values
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
@@ -18,9 +20,10 @@ from .._orbits.autonomous import with_unit
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import Sequence, empty_sequence
-from .._sweep.provenance import machines_of
-from .._system.parameters import Location, find_parameter, get_parameter
-from .._system.system import ImpactSystem, unbound, with_args
+from .._sweep.provenance import varied_of
+from .._system.family import Family as FamilyOfUser
+from .._system.parameters import Location, find_parameter, get_parameter, moved_arrays
+from .._system.system import AnySystem, machine_of, unbound, varied
 from .follow import point_at_orbit
 from .kernels import room_for
 from .parameter_family import Family
@@ -37,7 +40,7 @@ class Start(NamedTuple):
     """An orbit of a machine.
 
     Attributes:
-        system: the machine.
+        system: the machine, or the family that has the parameters.
         args: arguments of its force.
         flow: requested flow by which it was found, or None.
         num_periods: n; 0 where no load sets the period.
@@ -49,7 +52,7 @@ class Start(NamedTuple):
         period: the period.
     """
 
-    system: ImpactSystem
+    system: AnySystem
     args: object
     flow: AbstractFlow | None
     num_periods: int
@@ -110,7 +113,7 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
     states = np.concatenate([column("x0", "mass"), column("v0", "mass")], axis=1)
     num_periods, num_impacts = column("num_periods"), column("num_impacts", "stop").sum(axis=1)
     multipliers = column("multipliers", "multiplier")
-    machines = machines_of(ds, dims, np.flatnonzero(ds["converged"].values))
+    machines = varied_of(ds, dims, np.flatnonzero(ds["converged"].values))
     for k, state in enumerate(states):
         yield Start(
             system=unbound(jax.tree.map(lambda a, k=k: a[..., min(k, a.shape[-1] - 1)], machines)),
@@ -131,7 +134,7 @@ def _location(structure: Hashable, shapes: tuple[tuple[int, ...], ...], path: st
     return find_parameter(jax.tree.unflatten(structure, [np.zeros(shape) for shape in shapes]), path)
 
 
-def value_of(system: ImpactSystem, path: str) -> float:
+def value_of(system: AnySystem, path: str) -> float:
     """Value of a parameter that is one number, or for a path with a star the same number everywhere.
 
     Raises:
@@ -170,6 +173,7 @@ def families_of(
         leaves, structure = jax.tree.flatten(start.system)
         is_alone = (
             "*" in path
+            or isinstance(start.system, FamilyOfUser)
             or start.args is not None
             or start.flow is not None
             or start.system.force is not None
@@ -283,13 +287,18 @@ def family_of(start: Start, path: str, low: float, high: float, tolerance: float
         ValueError: for a path that names no single number, bounds that exclude the orbit, an inadmissible orbit.
     """
     machine = start.system
+    if start.is_autonomous and isinstance(machine, FamilyOfUser):
+        raise ValueError(
+            "A cycle that nothing drives is followed along a path of a machine: find it for `family.system`, not for the family."
+        )
     if start.is_autonomous:
         if path.startswith("forcing") and not path.startswith("forcing.mean"):
             raise ValueError(f"The path `{path}` names a number of the load, but nothing drives the machine.")
-        machine = with_unit(machine, start.period)
-    system = jax.tree.map(np.asarray, with_args(machine, start.args))
+        machine = with_unit(machine_of(machine), start.period)
+    system = jax.tree.map(np.asarray, varied(machine, start.args))
     _check_start(start, path, value_of(system, path), (low, high))
-    numbers, dtype = numbers_of(system), start.state.dtype
+    check_column(path)
+    numbers, dtype = numbers_of(machine_of(system)), start.state.dtype
     sizes = np.asarray(numbers.frequency), *_lengths_of(numbers)
     (scale,) = _scales(start.state[None], *(size[None] for size in sizes))
     return Family(
@@ -310,20 +319,36 @@ def family_of(start: Start, path: str, low: float, high: float, tolerance: float
 
 
 def _flow_of(
-    system: ImpactSystem, path: str, bounds: tuple[float, float], wanted: AbstractFlow | None
+    system: AnySystem, path: str, bounds: tuple[float, float], wanted: AbstractFlow | None
 ) -> AbstractFlow:
     """Flow of all machines of a family: exact unless they have a `force`."""
-    if system.force is not None:
-        flow = choose_flow(system, can_stick=True, wanted=wanted)
+    machine = machine_of(system)
+    if machine.force is not None:
+        flow = choose_flow(machine, can_stick=True, wanted=wanted)
         if type(flow).flow_map is AbstractFlow.flow_map:
             raise ValueError(
                 f"The orbit was found with {type(flow).__name__} as `flow`, which has no `flow_map`."
             )
         return flow
     # Modes need concrete matrices, and lose digits near a resonance.
-    changes_modes = path.startswith(("mass", "damping", "stiffness"))
-    band = bounds if path == "forcing.frequency" else None
-    return TaylorFlow() if changes_modes else choose_flow(system, can_stick=True, band=band)
+    moved = moved_arrays(system, path)
+    changes_modes = any(name.startswith(("mass", "damping", "stiffness")) for name in moved)
+    band = _band(system, path, bounds) if "forcing.frequency" in moved else None
+    return TaylorFlow() if changes_modes else choose_flow(machine, can_stick=True, band=band)
+
+
+# Values of a parameter between its bounds at which the frequency of the load is computed.
+_TRIED = 65
+
+
+def _band(system: AnySystem, path: str, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Lowest and highest frequency of the load between bounds of a parameter that moves it."""
+    if not isinstance(system, FamilyOfUser):
+        return bounds
+    zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
+    lanes = with_values(LaneInput(system, zero, zero), {path: np.linspace(*bounds, _TRIED)})
+    frequency = np.asarray(machine_of(lanes.system).forcing.frequency)
+    return float(frequency.min()), float(frequency.max())
 
 
 def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint | None]:

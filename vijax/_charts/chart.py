@@ -29,10 +29,10 @@ from .._sections.classify import MOTIONS, classified
 from .._sweep.grid import base_of, values_of
 from .._sweep.outcomes import warn_of_endings
 from .._sweep.random_numbers import Rng, generator_of
-from .._sweep.short_names import with_names, without_names
+from .._sweep.short_names import with_labels, with_names, without_names
 from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem
 from .refinement import refined
 
 # Points that are run and classified at a time: their logs are in memory together.
@@ -42,7 +42,7 @@ _KIND = ("motion", "num_periods", "num_impacts")
 
 @padding_allowed
 def chart(
-    system: ImpactSystem,
+    system: AnySystem,
     values: Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     stride: Count = 8,
@@ -158,7 +158,7 @@ def chart(
             f"{unsettled} of {ds['motion'].size} points have not settled: increase `transient`, now {one.transient}.",
             stacklevel=2,
         )
-    return with_names(ds, names)
+    return with_labels(with_names(ds, names), base.system)
 
 
 class _PointSettings(NamedTuple):

@@ -1,25 +1,35 @@
-"""Machines and starts as lanes; computations are written once, for one lane."""
+"""Machines and starts as lanes; computations are written once, for one lane.
+
+A point has values at paths: of a machine, of a family of machines, or of the start. The machines of a family are made here,
+all points at once; what runs them sees machines alone.
+"""
+
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array
 
+from .._dataset_attributes import check_column
 from .._system.checks import FINITE, check_every, check_machines
+from .._system.family import Family
 from .._system.parameters import find_parameter
 from .._system.periodicity import refuse_off_period
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem, ImpactSystem
+
+System = TypeVar("System", bound=AnySystem)
 
 
-class LaneInput(eqx.Module):
-    """A machine and a start, the input of one lane."""
+class LaneInput(eqx.Module, Generic[System]):
+    """A machine and a start, the input of one lane. Where nothing is swept, a family may stand for the machine."""
 
-    system: ImpactSystem
+    system: System
     x0: Array | np.ndarray
     v0: Array | np.ndarray
 
 
-def points_of_lanes(base: LaneInput, swept: dict[str, np.ndarray]) -> LaneInput:
+def points_of_lanes(base: LaneInput[Any], swept: dict[str, np.ndarray]) -> LaneInput[ImpactSystem]:
     """Give every leaf of `base` lanes as its last axis, with the swept values at their paths.
 
     Args:
@@ -30,15 +40,29 @@ def points_of_lanes(base: LaneInput, swept: dict[str, np.ndarray]) -> LaneInput:
         The lanes; leaves that are not swept have a single one.
 
     Raises:
-        ValueError: for a path that names nothing, or values that do not fit or make no valid machine.
+        ValueError: for a path that names nothing or cannot name a column, or values that do not fit or make no valid machine.
     """
     points = with_values(base, swept)
+    for path in swept:
+        check_column(path)
     _check(points)
     return points
 
 
-def with_values(base: LaneInput, swept: dict[str, np.ndarray]) -> LaneInput:
+def with_values(base: LaneInput[Any], swept: dict[str, np.ndarray]) -> LaneInput[ImpactSystem]:
     """`points_of_lanes` without its checks."""
+    points, own = lanes_with_values(base, swept), base.system
+    if not isinstance(own, Family):
+        return points
+    numbers: tuple = points.system.numbers
+    moved = {i for path in swept for i in find_parameter(base, path).leaves if i < len(own.numbers)}
+    lanes = {i: numbers[i] for i in moved}
+    machines = own.program.machines(own.bound_system, own.numbers, lanes)
+    return LaneInput(machines, points.x0, points.v0)
+
+
+def lanes_with_values(base: LaneInput[System], swept: dict[str, np.ndarray]) -> LaneInput[System]:
+    """The swept values at their paths, of a family its values instead of its machines; lanes last."""
     leaves, structure = jax.tree.flatten(base)
     leaves = [np.asarray(a)[..., None] for a in leaves]
     for path, values in swept.items():
@@ -63,7 +87,7 @@ def _with_lanes(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, pa
     return new
 
 
-def _check(points: LaneInput) -> None:
+def _check(points: LaneInput[ImpactSystem]) -> None:
     """Refuse values that make no valid machine, all lanes at once."""
     for leaf in jax.tree.leaves(points):
         check_every("", leaf, FINITE)

@@ -182,7 +182,7 @@ def describe_sweep(
     return {
         "layout": _LAYOUT,
         **recorded,
-        "system": json.loads(attributes["system"]),
+        **{name: json.loads(attributes[name]) for name in ("system", "family") if name in attributes},
         "force_parameters": json.loads(attributes.get("force_parameters", "{}")),
         "values": {path: _summary(axis) for path, axis in axes.items()},
         "starts": _digest((points.x0, points.v0)),

@@ -185,7 +185,7 @@ def _refuse_unsendable(args: tuple) -> None:
         pickle.dumps(args)
     except Exception as error:
         raise ValueError(
-            "The machine cannot be sent to another process: a `force` or `flow` of your own must be a class or a function at the "
+            "The machine cannot be sent to another process: a `force`, `flow` or family of your own must be a class or a function at the "
             "top level of a module that can be imported there, no lambda and nothing defined inside of a function. (Dask "
             f"sends those too.) {type(error).__name__}: {error}"
         ) from error

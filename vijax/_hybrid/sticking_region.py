@@ -22,7 +22,7 @@ from .._jax.arrays import Numbers, as_float
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import numbers_of
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, with_args
 from .._system.waves import phase_at
 from .sticking import is_pressed
 
@@ -182,7 +182,7 @@ class StickingRegion(eqx.Module):
         return self.machine.contacts.along(of_masses)[jnp.asarray(self.held)]
 
 
-def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> StickingRegion:
+def sticking_region(system: AnySystem, held: int | Sequence[int]) -> StickingRegion:
     """Build the sticking region S, in which stops hold masses while the others move.
 
     The masses at the stops `held` are at rest. S is the set of positions x and velocities v of the free masses at which

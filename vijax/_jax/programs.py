@@ -151,7 +151,7 @@ class Programs:
         lowered = self._plain.lower(key.static, *parts)
         results = stored = self._results[key.static]
         if name is None:
-            name = key_of(lowered.as_text(), self._options())
+            name = key_of(*_text_of(lowered), self._options(), key.kept, key.donated)
             stored = None  # programs of one text may differ in what are no arrays
             if found := _load(store, name):
                 return found._replace(results=results)
@@ -186,6 +186,16 @@ def _is_array(leaf: Any) -> bool:
     if found is None:
         found = _are_arrays[type(leaf)] = isinstance(leaf, jax.Array | np.ndarray | np.generic)
     return found
+
+
+def _text_of(lowered: Any) -> tuple[str, list[int]]:
+    """Lowered text of a program, and the numbers of the arguments that are left in it: others that nothing reads are not.
+
+    Functions of the first and of the second of two arguments have one text.
+    """
+    return lowered.as_text(), sorted(
+        lowered._lowering.compile_args["kept_var_idx"]
+    )  # JAX tells it nowhere else
 
 
 def _load(store: ProgramStore, name: str | None) -> StoredProgram | None:

@@ -26,7 +26,7 @@ from .._system.compliant import AbstractCompliantLimit
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
 from .._system.restitution import AbstractRestitution
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem, ImpactSystem, machine_of
 
 # Bound on the steps of a forcing period, forwards and backwards, where impacts may accumulate without end.
 _STEPS = {1: 100_000, -1: 1000}
@@ -43,7 +43,7 @@ class ReversedForce(eqx.Module):
         return self.force(-t, x, -v, args)
 
 
-def no_inverse(system: ImpactSystem) -> str:
+def no_inverse(system: AnySystem) -> str:
     """Why the motion of a machine cannot be reversed; empty if it can, but for motions that stick."""
     if system.friction:
         return "friction brings many motions to rest alike"
@@ -105,7 +105,8 @@ class StateMap(NamedTuple):
     @classmethod
     def of_orbit(cls, orbit: PeriodicOrbit, sign: int) -> "StateMap":
         """The map at the phase of an orbit."""
-        system = orbit.system if sign > 0 else reversed_machine(orbit.system)
+        own = machine_of(orbit.system)
+        system = own if sign > 0 else reversed_machine(own)
         rate = np.asarray(system.forcing.frequency)
         scale = np.repeat(np.array([float(rate), 1.0]), system.num_masses)
         return cls(system, sign, sign * orbit.phase, scale, orbit.flow, orbit.args)

@@ -11,7 +11,7 @@ from .._jax.xla import padding_allowed
 from .._progress import tqdm
 from .._system.checks import validate_start
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.simulate import simulate
 from .find import tell_of_search
@@ -26,7 +26,7 @@ _SAME = 1e-6
 
 @padding_allowed
 def find_periodic_orbits(
-    system: ImpactSystem,
+    system: AnySystem,
     num_periods: Count,
     starts: tuple[Numbers, Numbers] | Numbers,
     *,
@@ -118,7 +118,7 @@ def given_states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int, or_
 
 
 def _distinct_orbits(
-    system: ImpactSystem,
+    system: AnySystem,
     states: list[np.ndarray],
     felt: np.ndarray,
     num_periods: int,

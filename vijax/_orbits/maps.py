@@ -17,14 +17,14 @@ from .._machine.numbers import MachineNumbers, numbers_of
 from .._machine.state import State
 from .._system.checks import FINITE, check_number, not_finite, refuse
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, refuse_switching, with_args
+from .._system.system import AnySystem, ImpactSystem, machine_of, refuse_switching, with_args
 from .._trajectory.simulate import Settings, simulate_with, warn_about_reverse_steps
 from .._trajectory.solution import RESULTS, result_sentences
 
 
 @padding_allowed
 def stroboscopic_map(
-    system: ImpactSystem,
+    system: AnySystem,
     x0: Numbers,
     v0: Numbers,
     num_periods: Count = 1,
@@ -71,7 +71,7 @@ def stroboscopic_map(
     References:
         Wagg & Bishop (2004), Sec. 2.2.
     """
-    system = in_full_precision(system)
+    system = machine_of(in_full_precision(system))
     check_period(system, args, x0, v0)
     begin = angle_of(phase) / system.forcing.frequency
     end = begin + whole_number("num_periods", num_periods) * system.forcing.period
@@ -92,7 +92,7 @@ def angle_of(phase: ArrayLike) -> Scalar:
 
 @padding_allowed
 def monodromy_matrix(
-    system: ImpactSystem,
+    system: AnySystem,
     x0: Numbers,
     v0: Numbers,
     num_periods: Count = 1,
@@ -158,7 +158,7 @@ def monodromy_matrix(
 
 @padding_allowed
 def saltation_matrix(
-    system: ImpactSystem,
+    system: AnySystem,
     t: ArrayLike,
     x: Numbers,
     v: Numbers,
@@ -201,6 +201,7 @@ def saltation_matrix(
     References:
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
+    system = machine_of(system)
     refuse_switching("saltation_matrix", system)
     impact = {"t": as_float(t), "x": as_float(x), "v": as_float(v)}
     bound = with_args(system, args)

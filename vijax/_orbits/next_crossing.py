@@ -23,7 +23,7 @@ from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.checks import FINITE, check_one, check_shape, validate_start
 from .._system.contact import AbstractRigidLimit, Contact
 from .._system.restitution import restitution_of_contacts
-from .._system.system import ImpactSystem, refuse_switching, with_args
+from .._system.system import AnySystem, ImpactSystem, machine_of, refuse_switching, with_args
 from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
 from .._trajectory.simulate import bound_of_steps, warn_about_reverse_steps
 from .._trajectory.solution import RESULTS, result_sentences
@@ -38,7 +38,7 @@ _NONE = (
 
 @padding_allowed
 def next_crossing(
-    system: ImpactSystem,
+    system: AnySystem,
     t0: ArrayLike,
     x0: Numbers,
     v0: Numbers,
@@ -93,6 +93,7 @@ def next_crossing(
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.4.
     """
     warn_about_reverse_steps(max_reverse_steps)
+    system = machine_of(system)
     refuse_switching("next_crossing", system)
     bound, n = with_args(system, args), system.num_masses
     index = whole_number("mass", mass)

@@ -13,7 +13,7 @@ from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._system.checks import check_shape, refuse, validate_start
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, ImpactSystem, machine_of, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
 from .._trajectory.simulate import bound_of_steps, warn_about_reverse_steps
@@ -30,7 +30,7 @@ _NONE = (
 
 @padding_allowed
 def next_impact(
-    system: ImpactSystem,
+    system: AnySystem,
     t0: ArrayLike,
     x0: Numbers,
     v0: Numbers,
@@ -90,6 +90,7 @@ def next_impact(
     References:
         Wagg & Bishop (2004), Sec. 2.2; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
     """
+    system = machine_of(system)
     bound, n = with_args(system, args), system.num_masses
     warn_about_reverse_steps(max_reverse_steps)
     begin, x, v = (as_float(a) for a in (t0, x0, v0))

@@ -14,7 +14,7 @@ from .._jax.arrays import Scalar
 from .._jax.concrete import concrete
 from .._printing import as_html, as_text, describe_orbit
 from .._sweep.dataset import labelled
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem
 from .._trajectory.event_log import EventLog
 from .._trajectory.simulate import simulate
 from .._trajectory.solution import Solution
@@ -43,7 +43,7 @@ class PeriodicOrbit(eqx.Module):
     """A motion that repeats after n forcing periods.
 
     Attributes:
-        system: the machine.
+        system: the machine, or the family at the values of the orbit.
         num_periods: n; 0 for the cycle of a machine that nothing drives.
         period: n forcing periods as a time, or that of such a cycle.
         phase: phase of the load at its start, in radians.
@@ -64,7 +64,7 @@ class PeriodicOrbit(eqx.Module):
         result: outcome of the search, a member of `vx.ORBIT_RESULTS`.
     """
 
-    system: ImpactSystem
+    system: AnySystem
     num_periods: int = eqx.field(static=True)
     period: Scalar
     phase: Scalar

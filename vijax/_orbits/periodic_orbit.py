@@ -12,7 +12,7 @@ from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.solution import result_sentences
 from .autonomous import autonomous_orbit, is_undriven
@@ -24,7 +24,7 @@ from .search import StroboscopicMap
 
 @padding_allowed
 def periodic_orbit(
-    system: ImpactSystem,
+    system: AnySystem,
     x0: Numbers,
     v0: Numbers,
     num_periods: Count = 1,

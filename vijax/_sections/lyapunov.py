@@ -16,7 +16,7 @@ from .._machine.numbers import numbers_of
 from .._progress import tqdm
 from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, machine_of, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.lyapunov_loop import (
     ExponentRequest,
@@ -36,7 +36,7 @@ _TURNS = 1 << 17
 
 @padding_allowed
 def lyapunov_exponents(
-    system: ImpactSystem,
+    system: AnySystem,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     *,
@@ -93,7 +93,8 @@ def lyapunov_exponents(
     References:
         G. Benettin et al., Meccanica 15 (1980); P. C. Mueller, Chaos, Solitons & Fractals 5 (1995), for jumps.
     """
-    system, n = in_full_precision(system), system.num_masses
+    system = machine_of(in_full_precision(system))
+    n = system.num_masses
     x, v = (np.zeros(n) if a is None else a for a in (x0, v0))
     check_period(system, args, x, v)
     bound = with_args(system, args)

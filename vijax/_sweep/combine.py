@@ -75,7 +75,9 @@ def _provenance_of(ds: xr.Dataset, number: int) -> dict[str, Any]:
             f"{number} has no `system`."
         )
     of_json = {
-        name: parsed_attribute(ds, name) for name in ("system", "force_parameters") if name in ds.attrs
+        name: parsed_attribute(ds, name)
+        for name in ("system", "family", "force_parameters")
+        if name in ds.attrs
     }
     damaged = [name for name, a in of_json.items() if a is None]
     if damaged:

@@ -13,20 +13,20 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, whole_number
 from .._progress import tqdm
 from .._system.parameters import find_parameter
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, machine_of, varied
 from .distributions import Distributions, drawn, uncertain
 from .grid import base_of
 from .outcomes import warn_of_endings
 from .quantities import checked_quantities
 from .random_numbers import Rng, generator_of
-from .short_names import with_names
+from .short_names import with_labels, with_names
 from .zipped import sweep_zipped
 
 SAMPLE = "sample"
 
 
 def ensemble(
-    system: ImpactSystem,
+    system: AnySystem,
     distributions: Distributions,
     *,
     samples: Count = 256,
@@ -54,7 +54,7 @@ def ensemble(
     smooth, and never more slowly than 1 / sqrt(samples). Powers of two are most even.
 
     Args:
-        system: the machine.
+        system: the machine, or a `vx.Family` of machines.
         distributions: for each uncertain number, by its path as in `vx.sweep`, its distribution: of `scipy.stats`, or any
             with `ppf`, `mean` and `std`. "stops[*].restitution" is one number for all stops; "x0[0]" is a start. A pair of
             path and distribution gives a short name, `{"r": ("stops[*].restitution", scipy.stats.uniform(0.6, 0.2))}`.
@@ -98,7 +98,7 @@ def ensemble(
     References:
         I. M. Sobol', USSR Comput. Math. Math. Phys. 7 (1967) 86; A. B. Owen, J. Complexity 14 (1998) 466.
     """
-    base = base_of(with_args(system, args), x0, v0)
+    base = base_of(varied(system, args), x0, v0)
     known = uncertain(distributions, base, correlation)
     values = drawn(known, samples, generator_of(rng, seed))
     counts = Counts(
@@ -109,7 +109,7 @@ def ensemble(
         can_stick=True,
         lyapunov=bool(lyapunov),
     )
-    added = checked_quantities(quantities, base.system, counts)
+    added = checked_quantities(quantities, machine_of(base.system), counts)
     of_machine, states = _apart(base, values)
     with tqdm(total=len(states), unit="sample", disable=not progress) as bar:
         ds = sweep_zipped(
@@ -125,7 +125,7 @@ def ensemble(
             quantities=added,
         )
     of_samples = {path: (SAMPLE, a, variable_attributes(path)) for path, a in values.items()}
-    ds = with_names(ds.assign_coords(of_samples), known.names)
+    ds = with_labels(with_names(ds.assign_coords(of_samples), known.names), base.system)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._execution.points import LaneInput, points_of_lanes
 from .._jax.arrays import Numbers, as_float
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem, ImpactSystem
 
 
 def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
@@ -17,7 +17,8 @@ def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
         raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
     if "mass" in axes:
         raise ValueError(
-            "The path `mass` names a dimension already: sweep `mass[0]`, `mass[1]`, ... instead."
+            "The path `mass` names a dimension already: sweep `mass[0]`, `mass[1]`, ... instead, or give the value of a family "
+            "another name."
         )
     for path, axis in axes.items():
         if axis.ndim == 0 or len(axis) == 0:
@@ -25,8 +26,8 @@ def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     return axes
 
 
-def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> LaneInput:
-    """Machine and start where nothing is swept."""
+def base_of(system: AnySystem, x0: Numbers | None, v0: Numbers | None) -> LaneInput:
+    """Machine, or family, and start where nothing is swept."""
     n = system.num_masses
     given = {"x0": x0, "v0": v0}
     starts = (np.zeros(n) if a is None else np.asarray(as_float(a, name)) for name, a in given.items())
@@ -39,7 +40,9 @@ def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Lan
     return base
 
 
-def grid_points(base: LaneInput, axes: dict[str, np.ndarray], *, twice: bool = False) -> LaneInput:
+def grid_points(
+    base: LaneInput, axes: dict[str, np.ndarray], *, twice: bool = False
+) -> LaneInput[ImpactSystem]:
     """Machines and starts of a product grid; of two grids, one after the other, if `twice`."""
     dtype = base.system.mass.dtype
     grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)

@@ -13,15 +13,17 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import versions
-from .._execution.points import LaneInput, with_values
+from .._execution.points import LaneInput, lanes_with_values, with_values
 from .._execution.runner import Counts
 from .._flow.interface import AbstractFlow
-from .._system.description import build_from, describe
+from .._system.description import build_from
+from .._system.family import Family
+from .._system.family_description import attributes_of_system, system_from
 from .._system.force import NamedForce
 from .._system.force_description import NAMED_FORCE
 from .._system.forces_by_path import Allowed
 from .._system.parameters import axis_names, force_parameters, is_of_force, is_parameter
-from .._system.system import ImpactSystem, bound, unbound
+from .._system.system import AnySystem, ImpactSystem, bound, machine_of, unbound
 from .short_names import path_of
 
 
@@ -33,13 +35,14 @@ def origin(
     `base` is the machine and start where nothing is swept, `flow` the name of the flow between events. `goes_on` is
     True where the sweep starts from the end states of an earlier one.
     """
-    of_force = {} if base.system.force is None else {"force_parameters": json.dumps(force_parameters(base))}
+    own = machine_of(base.system)
+    of_force = {} if own.force is None else {"force_parameters": json.dumps(force_parameters(bound(own)))}
     observed = {"observed": ", ".join(counts.observed)} if counts.observed else {}
     return (
         of_force
         | observed
         | {
-            "system": json.dumps(describe(base.system)),
+            **attributes_of_system(base.system),
             "x0": json.dumps(np.asarray(base.x0).tolist()),
             "v0": json.dumps(np.asarray(base.v0).tolist()),
             "transient": int(counts.transient),
@@ -50,7 +53,7 @@ def origin(
             "max_impacts": int(counts.max_impacts),
             "max_steps": "default" if counts.max_steps is None else int(counts.max_steps),
             "flow": flow,
-            "dtype": str(base.system.mass.dtype),
+            "dtype": str(own.mass.dtype),
             "device": jax.default_backend(),
             **versions(),
         }
@@ -63,8 +66,12 @@ def name_of_flow(motion: AbstractFlow, wanted: AbstractFlow | None) -> str:
 
 
 def system_of(
-    ds: xr.Dataset, *, allow_forces: Allowed = False, force: Callable | None = None
-) -> ImpactSystem:
+    ds: xr.Dataset,
+    *,
+    allow_forces: Allowed = False,
+    force: Callable | None = None,
+    family: Callable | Family | None = None,
+) -> ImpactSystem | Family:
     """Build the machine of a sweep again, from its dataset alone, in memory or from a file.
 
     A dataset may come from anywhere, and the import of a `force` runs its module. Only three kinds are imported: the
@@ -77,9 +84,11 @@ def system_of(
         allow_forces: names of modules from which a force may be imported, as for `vx.load`, or True for any.
         force: the force of the machine, where it cannot be imported, or must not be: a `lambda`, a function of a
             notebook or of the main program. It is taken as it is, and has the swept values and `args` of the dataset.
+        family: the function of the family, or a `vx.Family` of it, where it cannot be imported, likewise.
 
     Returns:
-        The machine, bit for bit. A `force` is imported from its original module, and has the `args` of the sweep.
+        The machine, bit for bit. A `force` is imported from its original module, and has the `args` of the sweep. Of the
+        sweep of a family, the family, with the values of the dataset; its function counts as a force where it is imported.
 
     Raises:
         ValueError: if the attributes hold no machine, or one with a `force` that may not be imported, or cannot.
@@ -92,8 +101,9 @@ def system_of(
         sol = vx.simulate(vx.system_of(point), 0.0, 80.0)
         ```
     """
-    machines = machines_of(ds, allow_forces=allow_forces, force=force)
-    return unbound(jax.tree.map(lambda a: jnp.asarray(a[..., 0]), machines))
+    base, swept = _at_points(ds, (), None, allow_forces, force, family)
+    found = lanes_with_values(base, swept).system
+    return unbound(jax.tree.map(lambda a: jnp.asarray(a[..., 0]), found))
 
 
 def machines_of(
@@ -104,7 +114,7 @@ def machines_of(
     allow_forces: Allowed = False,
     force: Callable | None = None,
 ) -> ImpactSystem:
-    """Build the machines of many points of a sweep, from its dataset alone.
+    """Build the machines of many points of a sweep, those of a family too, from its dataset alone.
 
     Args:
         ds: dataset of `vx.sweep`, or a part of it, its dimensions in any order.
@@ -122,9 +132,33 @@ def machines_of(
         ValueError: if the attributes hold no machine, or one with a `force` that may not be imported, or cannot, or
             if no swept quantity varies along one of `dims`.
     """
+    # The sweep has checked the values, with a start that is not available here.
+    return with_values(*_at_points(ds, dims, which, allow_forces, force)).system
+
+
+def varied_of(ds: xr.Dataset, dims: Sequence[Hashable], which: np.ndarray | None = None) -> AnySystem:
+    """As `machines_of`; of a family its values in lanes, as a family."""
+    return lanes_with_values(*_at_points(ds, dims, which)).system
+
+
+def _at_points(
+    ds: xr.Dataset,
+    dims: Sequence[Hashable],
+    which: np.ndarray | None,
+    allow_forces: Allowed = False,
+    force: Callable | None = None,
+    family: Callable | Family | None = None,
+) -> tuple[LaneInput, dict[str, np.ndarray]]:
+    """Where nothing is swept, and the swept values by their paths, (points, ...); see `machines_of`."""
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
-    system = _built(ds.attrs, allow_forces, force)
+    is_named = isinstance(force, NamedForce)
+    if family is not None or ("family" in ds.attrs and (dims or not is_named)):
+        system = system_from(
+            ds.attrs, allow_forces=allow_forces, force=None if is_named else force, family=family
+        )
+    else:
+        system = _built(ds.attrs, allow_forces, force)
     start = np.zeros(system.num_masses, ds.attrs["dtype"])
     base, sizes = LaneInput(system, start, start), [ds.sizes[dim] for dim in dims]
     which = np.arange(math.prod(sizes)) if which is None else which
@@ -139,8 +173,7 @@ def machines_of(
     if not known.issuperset(dims):
         unknown = ", ".join(f"`{dim}`" for dim in dims if dim not in known)
         raise ValueError(f"Argument `ds` must have swept quantities as coordinates along {unknown}.")
-    # The sweep has checked the values, with a start that is not available here.
-    return with_values(base, swept).system
+    return base, swept
 
 
 def _built(attributes: dict[Any, Any], allow_forces: Allowed, force: Callable | None) -> ImpactSystem:

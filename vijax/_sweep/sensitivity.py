@@ -12,14 +12,14 @@ from .._jax.arrays import Numbers, as_float
 from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
 from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem, ImpactSystem, machine_of
 from .distributions import Distributions, moments, uncertain
 
 
 @padding_allowed
 def sensitivity(
     function: Callable[[ImpactSystem], Any],
-    system: ImpactSystem,
+    system: AnySystem,
     distributions: Distributions,
     *,
     correlation: Numbers | None = None,
@@ -33,7 +33,7 @@ def sensitivity(
     Args:
         function: takes the machine and returns a number by operations of JAX: by `vx.simulate`, `vx.stroboscopic_map` or
             `vx.periodic_orbit`, for instance.
-        system: the machine.
+        system: the machine, or a `vx.Family` of machines.
         distributions: as for `vx.ensemble`, of numbers of the machine; their means and standard deviations are used.
         correlation: correlation matrix of the quantities, in their order; independent if left out.
 
@@ -65,7 +65,7 @@ def sensitivity(
         machine = system
         for path, number in zip(known.by_path, numbers, strict=True):
             machine = set_parameter(machine, path, number)
-        value = as_float(function(machine))
+        value = as_float(function(machine_of(machine)))
         if value.ndim:
             raise ValueError(
                 f"Argument `function` must return a single number, but its result has shape {value.shape}."

@@ -13,11 +13,15 @@ import xarray as xr
 
 from .._dataset_attributes import is_taken
 from .._jax.arrays import Numbers
+from .._system.family import Family
 from .._system.parameters import is_parameter
+from .._system.system import AnySystem
 
 Values = Mapping[str, Numbers | tuple[str, Numbers]]
 Labelled = TypeVar("Labelled", xr.Dataset, xr.DataArray)
 
+# Attribute of a coordinate with words of the user.
+LABEL = "label"
 # Attribute of a coordinate with a short name.
 _PATH = "path"
 # End of the name of a coordinate that holds swept arrays, whose dimension counts them.
@@ -71,6 +75,17 @@ def with_names(ds: xr.Dataset, names: Mapping[str, str]) -> xr.Dataset:
         for end in _ends(ds, path):
             found[name + end].attrs[_PATH] = path
     return found
+
+
+def with_labels(ds: xr.Dataset, system: AnySystem) -> xr.Dataset:
+    """The dataset with the words of a family for its names, in the attributes of their coordinates."""
+    labels = system.labels if isinstance(system, Family) else {}
+    for name in ds.coords if labels else ():
+        path = path_of(ds, name)
+        words = labels.get(path, labels.get(path.partition("[")[0]))
+        if words:
+            ds[name].attrs |= {LABEL: words, "long_name": words}
+    return ds
 
 
 def with_paths(ds: Labelled) -> Labelled:

@@ -17,7 +17,7 @@ from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Count, Numbers, whole_number
 from .._progress import interrupt_with_word_of, tqdm
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, machine_of, varied
 from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
 from .grid import base_of, grid_points, values_of
@@ -25,12 +25,12 @@ from .literals import Carry, Quantity
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
 from .quantities import checked_quantities, observed_for
-from .short_names import with_names, without_names
+from .short_names import with_labels, with_names, without_names
 from .zarr_output import write_sweep
 
 
 def sweep(
-    system: ImpactSystem,
+    system: AnySystem,
     values: Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     transient: Count = 100,
@@ -57,7 +57,7 @@ def sweep(
     dimension that is a bifurcation diagram. Runs on all cores.
 
     Args:
-        system: the machine.
+        system: the machine, or a `vx.Family` of machines, whose names are then the paths.
         values: for each swept quantity, by its path, the values to visit: "forcing.frequency",
             "forcing.amplitude[0]", "stops[1].position", "stops[*].restitution" (all stops at once), "mass[0]",
             "x0[1]", ..., shape (points,); a whole array such as "damping" takes (points, n, n). Numbers of the force
@@ -139,10 +139,10 @@ def sweep(
         Wagg & Bishop (2004), Secs. 4.4-4.5.
     """
     counts = _counts(transient, record, max_impacts, max_steps, carry, lyapunov=lyapunov)
-    base = base_of(with_args(system, args), x0, v0)
+    base = base_of(varied(system, args), x0, v0)
     by_path, names = without_names(values, base)
     axes = values_of(by_path)
-    added = checked_quantities(quantities, base.system, counts)
+    added = checked_quantities(quantities, machine_of(base.system), counts)
     counts = replace(counts, observed=observed_for(added))
     if out is not None:
         if store is not None or carry is not None or carry_from is not None:
@@ -184,6 +184,7 @@ def sweep(
         else:
             found = run_chains(points, chain, runner, bar.update, settings)
     ds = with_names(dataset(points, axes, shape, counts, found, attributes, added), names)
+    ds = with_labels(ds, base.system)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
 

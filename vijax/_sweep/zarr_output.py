@@ -35,7 +35,7 @@ from .folder import Folder, open_folder
 from .grid import grid_points
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
-from .short_names import with_names
+from .short_names import with_labels, with_names
 
 # Version of the format, raised with every change of what is written.
 _LAYOUT = "Zarr 3"
@@ -190,4 +190,5 @@ def _open_or_begin(
     if sweep.quantities:
         manifest["quantities"] = list(sweep.quantities)
     coordinates = labelled(xr.Dataset(coords=coordinates_of(one.system, axes), attrs=attributes))
-    return open_folder(folder, with_names(coordinates, sweep.names), manifest)
+    named = with_labels(with_names(coordinates, sweep.names), sweep.base.system)
+    return open_folder(folder, named, manifest)

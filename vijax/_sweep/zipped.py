@@ -14,7 +14,7 @@ from .._execution.settings import ExecutionSettings
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
-from .._system.system import ImpactSystem
+from .._system.system import AnySystem
 from .dataset import dataset
 from .provenance import name_of_flow, origin
 from .quantities import observed_for
@@ -23,7 +23,7 @@ START = "start"
 
 
 def sweep_zipped(
-    system: ImpactSystem,
+    system: AnySystem,
     values: Mapping[str, np.ndarray],
     states: np.ndarray,
     counts: Counts,
@@ -38,7 +38,7 @@ def sweep_zipped(
     """Run machines from starts, one of each to every point.
 
     Args:
-        system: the machine, its force bound to its arguments.
+        system: the machine, its force bound to its arguments, or a family.
         values: swept quantities by their paths, one value a point.
         states: positions and velocities of the starts in one row each, (points, 2 n).
         counts: arguments of `sweep` for every point; `can_stick` is determined here.

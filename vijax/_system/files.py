@@ -8,9 +8,11 @@ from typing import Any
 
 from .._writing import naming_argument
 from .description import build, describe
+from .family import Family
+from .family_description import build_family, describe_family
 from .force_description import NAMED_FORCE, check_force_is_described
 from .forces_by_path import Allowed
-from .system import ImpactSystem, with_args
+from .system import AnySystem, ImpactSystem, machine_of, with_args
 from .tables import table_of
 
 # Suffixes of machine files.
@@ -21,15 +23,15 @@ _BESIDE = ("sweep",)
 _LARGEST = 1 << 28
 
 
-def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = None) -> None:
+def save(system: AnySystem, file: str | os.PathLike[str], *, args: object = None) -> None:
     """Write a machine to a file, from which `load` rebuilds it bit for bit.
 
     The names in the file are those of Python: `mass`, `damping`, `stiffness`, a table `forcing`, one table for each
     of `stops`. A `force` is written as its import path, `"package.module:function"`, an `eqx.Module` with its fields;
-    no code.
+    no code. Of a `vx.Family` the file has a table `family`: the import path of its `function`, `values` and `labels`.
 
     Args:
-        system: the machine.
+        system: the machine, or the family.
         file: the file to write, `.toml` or `.json`. An existing file of that name is replaced.
         args: the `args` of the machine's `force`; the file then holds them too.
 
@@ -45,9 +47,12 @@ def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = N
         ```
     """
     path = _checked(file)
+    if isinstance(system, Family):
+        _write_family(system, path, args)
+        return
     if args is not None:
         system = with_args(system, args)
-    description = describe(system)
+    description = describe(machine_of(system))
     check_force_is_described(description)
     build(description, system.mass.dtype)  # rejects what could not be rebuilt, a batch for instance
     text = _text(path, _without_none(description))
@@ -55,7 +60,24 @@ def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = N
         path.write_text(text, encoding="utf-8")
 
 
-def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> ImpactSystem:
+def _write_family(family: Family, path: Path, args: object) -> None:
+    if args is not None:
+        raise ValueError(
+            "Argument `args` is for machines: let the function of the family give its `force` these numbers."
+        )
+    table = describe_family(family)
+    # A file is written by hand too: what the function computes may be mended later.
+    del table["program"]
+    if ":" not in table["function"]:
+        raise ValueError(
+            f"The function {table['function']} of the family cannot be imported: define it at the top of a module, not in the main "
+            "program, a notebook or another function."
+        )
+    with naming_argument("file", path):
+        path.write_text(_text(path, {"family": table}), encoding="utf-8")
+
+
+def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> ImpactSystem | Family:
     """Build the machine of a file that was written by `save` or by hand.
 
     A load may lack `phase` and `mean`, a stop its `motion`, and the file may lack `stops`. A stop has a `mass` and a
@@ -65,7 +87,8 @@ def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> Impa
     Importing a `force` runs its module. So a file may name only forces of `vijax.models`, forces that this process
     itself has saved or swept, or was allowed to import before, and forces that `allow_forces` allows. A force is made
     of functions and classes of `eqx.Module`, and nothing else is called. If the file holds `args` too, the machine
-    has them, and `simulate`, `sweep` and all others use them unless you pass others.
+    has them, and `simulate`, `sweep` and all others use them unless you pass others. The function of a family counts as a
+    force.
 
     Args:
         file: the file, TOML or JSON by its suffix.
@@ -73,7 +96,7 @@ def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> Impa
             True for any that the file names, which may run any installed code. The force must be defined there.
 
     Returns:
-        The machine, in the precision that JAX is set to.
+        The machine, or the family, in the precision that JAX is set to.
 
     Raises:
         ValueError: for another suffix, a file that makes no machine, with the place and the remedy, or a force that
@@ -92,7 +115,13 @@ def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> Impa
 
 def look_at(table: dict[str, Any], file: str | os.PathLike[str]) -> ImpactSystem:
     """Machine of a table, to be printed or drawn: its force is only a name, and nothing is imported."""
-    return machine_of_table(table, file, force=NAMED_FORCE)
+    if "family" in table:
+        raise ValueError(
+            f"{file} holds a family, {table['family']}: nothing is known of its machine unless its function is called."
+        )
+    found = machine_of_table(table, file, force=NAMED_FORCE)
+    assert isinstance(found, ImpactSystem)
+    return found
 
 
 def machine_of_table(
@@ -100,13 +129,23 @@ def machine_of_table(
     file: str | os.PathLike[str],
     allow_forces: Allowed = False,
     force: Callable | None = None,
-) -> ImpactSystem:
-    """Machine of a table that was read from a file, see `build`."""
+) -> ImpactSystem | Family:
+    """Machine or family of a table that was read from a file, see `build` and `build_family`."""
     own = {name: a for name, a in table.items() if name not in _BESIDE}
     try:
+        if "family" in own:
+            return _family_of(own, allow_forces)
         return build(own, "float64", allow_forces=allow_forces, force=force)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
+
+
+def _family_of(own: dict[str, Any], allow_forces: Allowed) -> Family:
+    if len(own) > 1 or not isinstance(own["family"], dict):
+        raise ValueError(
+            "A file has a machine, or a table `family` with `function` and `values`, and nothing beside it."
+        )
+    return build_family(own["family"], "float64", allow_forces=allow_forces, where="The table `family`")
 
 
 def read_table(file: str | os.PathLike[str]) -> dict[str, Any]:

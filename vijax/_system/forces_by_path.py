@@ -51,8 +51,8 @@ def paths_in(given: Any) -> Iterator[Any]:
             yield from paths_in(part)
 
 
-def found_by(paths: Iterable[Any], allow_forces: Allowed) -> dict[str, Any]:
-    """Functions and classes at some paths.
+def found_by(paths: Iterable[Any], allow_forces: Allowed, what: str = "force") -> dict[str, Any]:
+    """Functions and classes at some paths; `what` they are, for messages.
 
     Raises:
         ValueError: if one is not allowed, cannot be imported, or is neither a function nor a class of `eqx.Module`.
@@ -60,20 +60,20 @@ def found_by(paths: Iterable[Any], allow_forces: Allowed) -> dict[str, Any]:
     paths, names = list(dict.fromkeys(paths)), _names_of(allow_forces)
     for path in paths:
         if not isinstance(path, str) or re.fullmatch(f"{_NAME}:{_NAME}", path) is None:
-            raise ValueError(f'The path of a force must be "package.module:function", but is {path!r}.')
-    _refuse([path for path in paths if path not in _known and not _covers(names, module_of(path))])
-    found = {path: _fit(path, _stands_at(path, importlib.import_module)) for path in paths}
+            raise ValueError(f'The path of a {what} must be "package.module:function", but is {path!r}.')
+    _refuse([path for path in paths if path not in _known and not _covers(names, module_of(path))], what)
+    found = {path: _fit(path, _stands_at(path, importlib.import_module), what) for path in paths}
     for path, value in found.items():
         # An object that a module has imported from elsewhere is not allowed along with the module.
         home = module_of(path) if isinstance(value, eqx.Module) else getattr(value, "__module__", None) or ""
         if path not in _known and not _covers(names, home):
-            _refuse([f"{home}:{path.partition(':')[2]}"])
+            _refuse([f"{home}:{path.partition(':')[2]}"], what)
     return found
 
 
 def found_here(paths: Iterable[str]) -> dict[str, Any]:
     """Functions and classes at some paths, in modules that this process has imported."""
-    return {path: _fit(path, _stands_at(path, sys.modules.__getitem__)) for path in paths}
+    return {path: _fit(path, _stands_at(path, sys.modules.__getitem__), "force") for path in paths}
 
 
 def path_of(value: Any) -> str:
@@ -113,12 +113,12 @@ def _covers(names: list[str] | None, module: str) -> bool:
     return names is None or any(module == name or module.startswith(f"{name}.") for name in names)
 
 
-def _refuse(paths: list[str]) -> None:
+def _refuse(paths: list[str], what: str) -> None:
     if not paths:
         return
     modules = list(dict.fromkeys(map(module_of, paths)))
     raise ValueError(
-        f"The force {', '.join(paths)} is not imported, for that runs the code of {', '.join(modules)}. If you trust it, say "
+        f"The {what} {', '.join(paths)} is not imported, for that runs the code of {', '.join(modules)}. If you trust it, say "
         f"`allow_forces={modules!r}` to `vx.load`, `vx.system_of` or `vx.Branch`, or `--allow-forces {modules[0]}` on the "
         "command line; from then on this process knows it, and other functions take datasets with it."
     )
@@ -142,12 +142,12 @@ def _stands_at(path: str, module_named: Callable[[str], Any]) -> Any:
     return found.__func__ if isinstance(found, staticmethod) else found
 
 
-def _fit(path: str, found: Any) -> Any:
+def _fit(path: str, found: Any, what: str) -> Any:
     """Reject an object that is neither a class of `eqx.Module` nor a function."""
     is_fit = eqx.Module in found.__mro__ if isinstance(found, type) else isinstance(found, _FUNCTIONS)
     if not is_fit:
         raise ValueError(
-            f"A force is made of functions and classes of `eqx.Module`, but {path} is {_kind_of(found)}."
+            f"A {what} is made of functions and classes of `eqx.Module`, but {path} is {_kind_of(found)}."
         )
     return found
 

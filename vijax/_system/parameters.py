@@ -4,7 +4,8 @@ Paths are written as in Python: fields after a dot, entries in brackets, `*` for
 array or one of its entries. Sweeps, continuation and fits all find parameters here.
 
 Paths refer to a machine, or to a module that holds one as its `system` beside a start; "x0[1]" is then also a path.
-The `args` of a force have paths once they are bound to it, see `with_args`.
+The `args` of a force have paths once they are bound to it, see `with_args`. A family of machines has its names as paths;
+a machine is the family of which every leaf is a value. `machine_at` gives the machine of either.
 
 Leaves are identified by number. (Rejected: identity of arrays, as in `equinox.tree_at`; two stops may share a
 motion.)
@@ -23,9 +24,10 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from .._jax.arrays import Numbers, as_float
+from .family import Family
 from .force import force_numbers
 from .spelling import did_you_mean
-from .system import ImpactSystem, check_again
+from .system import AbstractFamily, ImpactSystem, check_again, machine_of
 
 Whole = TypeVar("Whole", bound=eqx.Module)
 
@@ -106,13 +108,28 @@ def set_parameter(whole: Whole, path: str, value: Numbers) -> Whole:
     for k, (i, a) in enumerate(zip(place.leaves, old, strict=True)):
         leaves[i] = a.at[place.index].set((new if new.shape == one else new[k]).astype(a.dtype))
     changed = jax.tree.unflatten(structure, leaves)
-    check_again(_machine_of(changed))
+    if isinstance(own := _system_of(changed), ImpactSystem):  # that of a family is checked where it is made
+        check_again(own)
     return changed
+
+
+def machine_at(whole: eqx.Module, path: str, value: Numbers) -> ImpactSystem:
+    """The machine with one parameter changed, of a machine or a family; otherwise as `set_parameter`."""
+    return machine_of(_system_of(set_parameter(whole, path, value)))
+
+
+def moved_arrays(whole: eqx.Module, path: str) -> list[str]:
+    """Paths of the arrays of the machine that a parameter moves: of a machine the path itself."""
+    place, system = find_parameter(whole, path), _system_of(whole)
+    if not isinstance(system, Family):
+        return [path]
+    flags = system.program.reached_by(place.leaves)
+    return [name for name, i in _numbers_of_leaves(system.program.shapes()).items() if flags[i]]
 
 
 def axis_names(path: str, ndim: int) -> list[str]:
     """Names of the axes of a parameter."""
-    if is_of_force(path) or path.startswith(("stops", "friction")):
+    if re.match(r"(mass|damping|stiffness|forcing|x0|v0)\b", path) is None:
         return [f"{path}.axis{k}" for k in range(ndim)]
     return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
 
@@ -158,6 +175,8 @@ def _numbers_of_leaves(whole: eqx.Module) -> dict[str, int]:
 
 def _named(whole: Any) -> PyTree:
     """All parameters in a tree whose keys are the user's names."""
+    if isinstance(whole, AbstractFamily):
+        return OrderedDict(whole.values)
     own = [field.name for field in dataclasses.fields(whole) if not field.metadata.get("static", False)]
     fields = OrderedDict((name, getattr(whole, name)) for name in own)
     if not isinstance(whole, ImpactSystem):
@@ -166,8 +185,8 @@ def _named(whole: Any) -> PyTree:
     return fields | {"force": force, "args": args}
 
 
-def _machine_of(whole: Any) -> ImpactSystem:
-    return whole if isinstance(whole, ImpactSystem) else whole.system
+def _system_of(whole: Any) -> Any:
+    return whole if isinstance(whole, ImpactSystem | AbstractFamily) else whole.system
 
 
 def _plain(path: str) -> str:
@@ -182,7 +201,9 @@ def _check_alike(path: str, values: Iterable[Array]) -> None:
 
 
 def _names_nothing(whole: eqx.Module, path: str) -> str:
-    names, system = parameter_names(whole), _machine_of(whole)
+    names, system = parameter_names(whole), _system_of(whole)
+    if isinstance(system, AbstractFamily):
+        return _no_value(path, names, system.system)
     every = [re.sub(r"^(stops|friction)\[\d+\]", r"\1[*]", name) for name in names]
     meant = did_you_mean(path, dict.fromkeys([*every, *names]))
     for part in ("stops", "friction"):
@@ -199,3 +220,13 @@ def _names_nothing(whole: eqx.Module, path: str) -> str:
     if system.force is not None:
         sentence += " Of its force, floating-point numbers have paths: write 1.0 in it, not 1."
     return sentence + meant
+
+
+def _no_value(path: str, names: list[str], machine: ImpactSystem) -> str:
+    sentence = (
+        f"The path `{path}` names nothing that can be varied: the values of the family are {', '.join(names)}, and entries of "
+        "those that are arrays, as in `x0[1]`."
+    )
+    if is_parameter(machine, path):
+        sentence += " It is a number of the machine, which the function of the family makes: let the function take it by a name."
+    return sentence + did_you_mean(path, names)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from .._jax.arrays import Numbers, as_float, over_lanes
 from .._jax.concrete import concrete, concrete_evaluation
 from .force import BoundForce
-from .system import ImpactSystem, with_args
+from .system import AnySystem, ImpactSystem, with_args
 
 # Fractions of a period. None is simple, so that no wave of a likely frequency vanishes at all of them.
 _TIMES = (0.1234, 0.5678, 0.8341)
@@ -43,7 +43,7 @@ def refuse_off_period(
         raise ValueError(_OFF_PERIOD.format(where=where, who=who))
 
 
-def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
+def check_period(system: AnySystem, args: object, x0: Numbers, v0: Numbers) -> None:
     """Reject a load without a period, and a force of another period, where their numbers are concrete."""
     frequency = concrete(system.forcing.frequency)
     if frequency is not None and not frequency > 0:

@@ -1,5 +1,6 @@
 """The machine: masses, dampers, springs, the load, stops and contacts."""
 
+import abc
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -228,6 +229,43 @@ class ImpactSystem(eqx.Module):
         return len(self.stops)
 
 
+class AbstractFamily(eqx.Module):
+    """Machines as a function of values, see `family.py`; its attributes are those of the machine at its values."""
+
+    @property
+    @abc.abstractmethod
+    def bound_system(self) -> ImpactSystem:
+        """The machine at the values, its force bound to its `args`."""
+
+    @property
+    def system(self) -> ImpactSystem:
+        """The machine at the values."""
+        return unbound(self.bound_system)
+
+    @property
+    @abc.abstractmethod
+    def values(self) -> dict[str, Any]:
+        """Values by their names."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _OF_MACHINES:
+            return getattr(self.system, name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+# Public attributes of machines, which families have too.
+_OF_MACHINES = frozenset(
+    name for name in (*ImpactSystem.__dataclass_fields__, *vars(ImpactSystem)) if not name.startswith("_")
+)
+# Where a machine stands, and a family may.
+AnySystem = ImpactSystem | AbstractFamily
+
+
+def machine_of(system: AnySystem) -> ImpactSystem:
+    """The machine itself, or that of a family at its values, whose force is bound."""
+    return system.bound_system if isinstance(system, AbstractFamily) else system
+
+
 def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
     """Reject a `forcing` that is not a load, or `stops` or `friction` that are not lists of such."""
     if not isinstance(forcing, Harmonic):
@@ -281,11 +319,12 @@ def check_again(system: ImpactSystem) -> None:
                 vars(kind)["__check_init__"](part)
 
 
-def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
-    """Machine with its force bound to `args`, in full precision.
+def with_args(system: AnySystem, args: object) -> ImpactSystem:
+    """Machine, or that of a family, with its force bound to `args`, in full precision.
 
     For the force see `bind_args`. Frequencies that stops were given after the machine was built are removed.
     """
+    system = machine_of(system)
     if not isinstance(system, ImpactSystem):
         raise ValueError(
             f"Argument `system` must be one machine, a `vx.ImpactSystem`, but is a {type(system).__name__}: call this for each "
@@ -298,14 +337,33 @@ def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
     return bound(system, args)
 
 
-def bound(system: ImpactSystem, args: object = None) -> ImpactSystem:
-    """Machine with its force bound to `args`, or to those that it has; all else is unchanged."""
+def varied(system: AnySystem, args: object) -> AnySystem:
+    """What has the parameters: a family as it is, or a machine with its force bound to `args`.
+
+    Raises:
+        ValueError: for a family with `args`, which would be parameters beside its own.
+    """
+    if not isinstance(system, AbstractFamily):
+        return with_args(system, args)
+    if args is not None:
+        raise ValueError(
+            "Argument `args` is for machines: let the function of the family give its `force` these numbers."
+        )
+    return in_full_precision(system)
+
+
+def bound(system: Any, args: object = None) -> Any:
+    """Machine with its force bound to `args`, or to those that it has; all else, and a family, is unchanged."""
+    if isinstance(system, AbstractFamily):
+        return system
     force = bind_args(system.force, args, system.num_masses)
     return system if force is None else eqx.tree_at(lambda s: s.force, system, force)
 
 
-def unbound(system: ImpactSystem) -> ImpactSystem:
-    """Machine with its force as the user gave it, if that has no `args`."""
+def unbound(system: Any) -> Any:
+    """Machine with its force as the user gave it, if that has no `args`; a family is unchanged."""
+    if isinstance(system, AbstractFamily):
+        return system
     force = system.force
     if not isinstance(force, BoundForce) or force.args is not None:
         return system

@@ -12,8 +12,8 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals
 from .._jax.xla import compile_lightly
 from .._orbits.maps import stroboscopic_map
-from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
+from .._system.parameters import machine_at
+from .._system.system import AnySystem
 
 # States in one call: one program serves any number of them.
 _LANES = 64
@@ -41,7 +41,7 @@ class SectionMap(NamedTuple):
     """Map from a phase of the load to the same phase a number of forcing periods later.
 
     Attributes:
-        system: the machine.
+        system: the machine, or the family.
         path: of the parameter.
         num_periods: forcing periods of the map.
         phase: of the load at the section, radians.
@@ -51,7 +51,7 @@ class SectionMap(NamedTuple):
         span: of the parameter.
     """
 
-    system: ImpactSystem
+    system: AnySystem
     path: str
     num_periods: int
     phase: float
@@ -76,7 +76,7 @@ class SectionMap(NamedTuple):
 
 @compile_lightly
 def _images(
-    system: ImpactSystem,
+    system: AnySystem,
     path: str,
     num_periods: int,
     flow: AbstractFlow | None,
@@ -86,7 +86,7 @@ def _images(
     phase: Reals,
 ) -> tuple[Array, Array, Array]:
     def image(z: Array, value: Array) -> tuple[Array, Array]:
-        machine, n = set_parameter(system, path, value), system.num_masses
+        machine, n = machine_at(system, path, value), system.num_masses
         x, v = stroboscopic_map(
             machine, z[:n], z[n:], num_periods, phase=phase, flow=flow, args=args, throw=False
         )

@@ -10,7 +10,8 @@ from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import interrupt_with_result, tqdm
-from .._system.parameters import set_parameter
+from .._sweep.short_names import with_labels
+from .._system.parameters import machine_at
 from .circle import growth_rates
 from .family import Limits, TorusFamily, first_circle, states_at
 from .section_map import SectionMap
@@ -172,9 +173,9 @@ def _dataset(section: SectionMap, family: TorusFamily) -> xr.Dataset:
         variable.attrs = variable_attributes(str(name))
     ds["is_stable"].attrs["long_name"] = "whether all exponents but that along the circle are negative"
     ds["error"].attrs["long_name"] = "largest distance of the circle from its image, in the size of the orbit"
-    return ds
+    return with_labels(ds, section.system)
 
 
 def _cycle_time(section: SectionMap, value: float) -> float:
-    system = set_parameter(section.system, section.path, value)
+    system = machine_at(section.system, section.path, value)
     return section.num_periods * float(system.forcing.period)

@@ -15,7 +15,7 @@ from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Reals, as_numpy_float
 from .._machine.numbers import MachineNumbers, numbers_of
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, ImpactSystem, with_args
 from .one_call import KnownMachine, known_to_calls
 
 _MOST = 64
@@ -109,13 +109,13 @@ def remembered(system: ImpactSystem, args: object) -> ConcreteMachine | None:
     return seen.found if seen.has_64_bits == jax.config.read("jax_enable_x64") else None
 
 
-def _remember(system: ImpactSystem, found: ConcreteMachine) -> None:
+def _remember(system: AnySystem, found: ConcreteMachine) -> None:
     key = id(system)
     weak = ref(system, lambda _: _seen.pop(key, None))
     _seen[key] = _Seen(weak, jax.config.read("jax_enable_x64"), found)
 
 
-def known_machine(system: ImpactSystem, args: object) -> ConcreteMachine:
+def known_machine(system: AnySystem, args: object) -> ConcreteMachine:
     """Concrete numbers of a machine, cached if its arrays are immutable."""
     leaves, structure = jax.tree.flatten((system, args))
     key = jax.config.read("jax_enable_x64"), structure, *map(id, leaves)

@@ -17,7 +17,7 @@ from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import numbers_of
 from .._system.checks import validate_start
-from .._system.system import ImpactSystem, with_args
+from .._system.system import AnySystem, machine_of, with_args
 from .chunked import MOST_EVENTS, follow_known
 from .concrete_machine import known_machine, remembered
 from .loop import UNLIMITED_STEPS, Choices, LoopArguments
@@ -29,7 +29,7 @@ from .unfelt_force import warn_of_unfelt_force
 
 @padding_allowed
 def simulate(
-    system: ImpactSystem,
+    system: AnySystem,
     t0: ArrayLike,
     t1: ArrayLike,
     x0: Numbers | None = None,
@@ -107,7 +107,7 @@ class Settings(NamedTuple):
 
 
 def simulate_with(
-    system: ImpactSystem,
+    system: AnySystem,
     t0: ArrayLike,
     t1: ArrayLike,
     x0: Numbers | None,
@@ -119,16 +119,16 @@ def simulate_with(
     args: object = None,
 ) -> Solution:
     """`simulate` with its options as `Settings`."""
-    max_steps = bound_of_steps(settings.max_steps)
-    known, given = remembered(system, args), (flow, [t0, t1, ts, x0, v0], max_steps)
-    if is_traced(given if known else (system, args, given)):
-        convert, known, system = as_float, None, with_args(system, args)
-        system = jax.tree.map(evaluate_eagerly(lambda a: a.astype(system.mass.dtype)), system)
+    max_steps, own = bound_of_steps(settings.max_steps), machine_of(system)
+    known, given = remembered(own, args), (flow, [t0, t1, ts, x0, v0], max_steps)
+    if is_traced(given if known else (own, args, given)):
+        convert, known, own = as_float, None, with_args(own, args)
+        own = jax.tree.map(evaluate_eagerly(lambda a: a.astype(own.mass.dtype)), own)
     else:
-        convert, known = as_numpy_float, known or known_machine(system, args)
-        system = known.system
+        convert, known = as_numpy_float, known or known_machine(own, args)
+        own = known.system
     max_events = _room_of_log(settings.max_events, is_known=known is not None)
-    zeros = np.zeros(system.num_masses)
+    zeros = np.zeros(own.num_masses)
     begin, end = convert(t0, "t0"), convert(t1, "t1")
     times = end[None] if ts is None else convert(ts, "ts")
     x, v = (convert(zeros if a is None else a, name) for name, a in (("x0", x0), ("v0", v0)))
@@ -140,9 +140,9 @@ def simulate_with(
     if known and ts is None and known.admits(begin, end, x, v):
         doubts = []
     else:
-        start = system, begin, end, times, x, v
+        start = own, begin, end, times, x, v
         doubts = validate_start(*(start if known else check_values(start)))
-    can_stick = (known is not None and known.can_always_stick) or can_any_stick(system, x, v)
+    can_stick = (known is not None and known.can_always_stick) or can_any_stick(own, x, v)
     request = LoopArguments(
         t0=begin,
         t1=end,
@@ -158,13 +158,13 @@ def simulate_with(
     )
     if known:
         solution = follow_known(known.packed(flow, can_stick=can_stick), request)
-        warn_of_unfelt_force(system, (begin, end), (x, v), solution)
+        warn_of_unfelt_force(own, (begin, end), (x, v), solution)
     else:
         # Whether stops move alike is decided here: to the derivatives no number is known.
-        has_motions = any(stop.motion is not None for stop in system.stops)
+        has_motions = any(stop.motion is not None for stop in own.stops)
         solution = run_single_call(
-            numbers_of(system) if has_motions else system,
-            choose_flow(system, can_stick=can_stick, wanted=flow),
+            numbers_of(own) if has_motions else own,
+            choose_flow(own, can_stick=can_stick, wanted=flow),
             request,
             Choices(can_stick, max_events, raises=settings.allowed is not None),
         )

@@ -170,7 +170,7 @@ def bifurcation(
     if grazing:
         draw_grazing(column, one, path)
     draw_legend(drawn, column[0], has_lines=resonances or grazing)
-    column[-1].set_xlabel(label_of(path, labels, units))
+    column[-1].set_xlabel(label_of(path, labels, units, one))
     return column if stop is None else column[0]
 
 

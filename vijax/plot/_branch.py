@@ -15,9 +15,10 @@ from .._hybrid.limits import IMPACT
 from .._sweep.literals import Quantity
 from .._sweep.short_names import with_paths
 from .._system.description import build_from
+from .._system.family_description import system_from
 from .._system.force_description import NAMED_FORCE
-from .._system.parameters import is_of_force, set_parameter
-from .._system.system import ImpactSystem
+from .._system.parameters import is_of_force, machine_at
+from .._system.system import AnySystem, ImpactSystem
 from ._axes import (
     check_index,
     column_of_axes,
@@ -171,7 +172,7 @@ def branch(
             panel.set_xlim(xlim)
         if resonances:
             draw_resonances(panel, several[0].points, path)
-        panel.set_xlabel(label_of(path, labels, units) if panel is column[-1] else "")
+        panel.set_xlabel(label_of(path, labels, units, several[0].points) if panel is column[-1] else "")
         own = quantity.label(j, masses, units) if quantity else label_of_impacts("velocity", j, masses, units)
         panel.set_ylabel((labels or {}).get(ordinate) or own)
     if grazing:
@@ -257,7 +258,7 @@ def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | Non
     )
     if quantity is None:
         sign = _system(points).stops[number].sign
-        found = impact_lines(_impacts(points, number), kinds, points.attrs["num_periods"])
+        found = impact_lines(_impacts(branch, points, number), kinds, points.attrs["num_periods"])
         lines = [(np.array(numbers), sign * np.array(velocities)) for numbers, velocities in found]
     else:
         lines = quantity_lines(points, ordinate, quantity, number)
@@ -270,13 +271,26 @@ def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tu
     return {is_stable: _joined(curves, is_stable) for is_stable in _STABILITY}
 
 
-def _impacts(points: xr.Dataset, stop: int) -> list[OrbitImpacts]:
+def _varied(branch: Branch) -> AnySystem:
+    """What has the parameter of a branch: its machine as its attributes describe it, or its family."""
+    if "family" not in branch.points.attrs:
+        return _system(branch.points)
+    return branch.system or system_from(
+        branch.points.attrs, allow_forces=branch.allow_forces, family=branch.family
+    )
+
+
+def _impacts(branch: Branch, points: xr.Dataset, stop: int) -> list[OrbitImpacts]:
     """The impacts of each orbit of a branch at a stop."""
-    system, path = _system(points), points.attrs["path"]
+    is_still, path = _system(points).stops[stop].motion is None, points.attrs["path"]
+    system = _system(points) if is_still else _varied(branch)
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
 
     def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
-        machine = system if is_of_force(path) else set_parameter(system, path, value)
+        if is_still:
+            return 0 * angles
+        is_told = isinstance(system, ImpactSystem) and is_of_force(path)
+        machine = system if is_told else machine_at(system, path, value)
         at = machine.stops[stop]
         if at.slot is None:  # a contact has no velocity of its own
             return 0 * angles

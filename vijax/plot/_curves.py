@@ -61,7 +61,7 @@ def curves(
         look = merge_style(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
         ax.plot(one[right].values, one[up].values, **look)
     _mark(several, right, up, ax)
-    ax.set(xlabel=label_of(right, labels, units), ylabel=label_of(up, labels, units))
+    ax.set(xlabel=label_of(right, labels, units, several[0]), ylabel=label_of(up, labels, units, several[0]))
     if xlim is not None:
         ax.set_xlim(xlim)
     legend_beside(ax)

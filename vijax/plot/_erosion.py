@@ -84,7 +84,7 @@ def erosion(
         handles.append(
             Line2D([], [], color=ink(), linestyle=stroke, marker=marker, markersize=4, label=words)
         )
-    ax.set(xlabel=axis_label(path, units), ylabel="Share, and radii in widths of the window")
+    ax.set(xlabel=axis_label(path, units, followed), ylabel="Share, and radii in widths of the window")
     ax.set_ylim(bottom=0)
     legend_beside(ax, handles=handles, title=legend_title(followed))
     return ax

@@ -12,9 +12,10 @@ from matplotlib.axes import Axes
 
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.description import build_from
+from .._system.family_description import system_from
 from .._system.force_description import NAMED_FORCE
-from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
+from .._system.parameters import machine_at
+from .._system.system import AnySystem
 from .._system.waves import Waves
 from ._axes import label_if_new
 from ._colors import ink
@@ -25,11 +26,11 @@ _VALUES, _PHASES = 400, 512
 _HALVINGS = 44
 
 
-def grazing_values(system: ImpactSystem, path: str, low: float, high: float) -> np.ndarray:
+def grazing_values(system: AnySystem, path: str, low: float, high: float) -> np.ndarray:
     """Values of a parameter at which the steady motion without impacts just reaches a stop, rising.
 
     Args:
-        system: a linear machine.
+        system: a linear machine, or a family of such.
         path: the path of the parameter.
         low: lower end of the interval that is searched.
         high: higher end.
@@ -65,15 +66,16 @@ def draw_grazing(panels: Iterable[Axes], ds: xr.Dataset, path: str) -> None:
     """Draw the values among those of a dataset at which the motion without impacts grazes, in all panels."""
     values = np.asarray(ds[path].values, float)
     style = {"color": ink("0.55", "0.55"), "linewidth": 0.8, "zorder": 0, "linestyle": (0, (6, 2))}
-    system = build_from(ds.attrs, force=NAMED_FORCE)
+    is_family = "family" in ds.attrs
+    system = system_from(ds.attrs) if is_family else build_from(ds.attrs, force=NAMED_FORCE)
     found = grazing_values(system, path, values.min(), values.max())
     for ax, value in itertools.product(panels, found):
         ax.axvline(value, label=label_if_new(ax, "grazing without impacts"), **style)
 
 
-def _least_gaps_along(system: ImpactSystem, path: str) -> Callable[[Array], Array]:
+def _least_gaps_along(system: AnySystem, path: str) -> Callable[[Array], Array]:
     known = jax.tree.map(jnp.asarray, system)
-    return jax.jit(lambda value: _least_gaps(numbers_of(set_parameter(known, path, value))))
+    return jax.jit(lambda value: _least_gaps(numbers_of(machine_at(known, path, value))))
 
 
 def _least_gaps(numbers: MachineNumbers) -> Array:

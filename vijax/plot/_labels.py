@@ -8,6 +8,9 @@ from collections.abc import Mapping
 
 import xarray as xr
 
+from .._sweep.short_names import LABEL
+
+Labelled = xr.Dataset | xr.DataArray
 Units = Mapping[str, str]
 
 LENGTH, VELOCITY, TIME, ANGLE, RATE = "{length}", "{length}/{time}", "{time}", "rad", "1/{time}"
@@ -46,14 +49,21 @@ def with_unit(words: str, unit: str, units: Units | None) -> str:
     return f"{words} ({written})" if written else words
 
 
-def axis_label(path: str, units: Units | None = None) -> str:
-    """Words, symbol and unit of a swept quantity; its path if it has no words."""
+def axis_label(path: str, units: Units | None = None, ds: Labelled | None = None) -> str:
+    """Words, symbol and unit of a swept quantity: its own words in a dataset, or its path, if it has none."""
+    if words := label_in(ds, path):
+        return with_unit(words, checked_units(units).get(path, ""), units)
     name, indices = re.sub(r"\[.*?\]", "", path), re.findall(r"\[(\d+)\]", path)
     words, symbol, unit = _QUANTITIES.get(name, (path, "", ""))
     if symbol:
         subscript = f"_{{{','.join(indices)}}}" if indices else ""
         words = f"{words} ${symbol}{subscript}$"
     return with_unit(words, checked_units(units).get(path, unit), units)
+
+
+def label_in(ds: Labelled | None, path: str) -> str:
+    """Words that the user has given to a quantity of a family; empty if there are none."""
+    return str(ds.coords[path].attrs.get(LABEL, "")) if ds is not None and path in ds.coords else ""
 
 
 def checked_units(units: Units | None) -> dict[str, str]:

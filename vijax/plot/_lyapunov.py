@@ -54,7 +54,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
         ax.set_ylabel(with_unit(_WORDS, RATE, units))
     else:
         _plane(next(iter(sweeps.values())), paths[0], ax, units, style)
-    ax.set_xlabel(axis_label(paths[0][0], units))
+    ax.set_xlabel(axis_label(paths[0][0], units, next(iter(sweeps.values()))))
     return ax
 
 

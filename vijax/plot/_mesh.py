@@ -44,7 +44,7 @@ def draw_mesh(
     right, up = map(str, values.dims)
     look = merge_style(style, QuadMesh, shading="nearest", rasterized=True, **own)
     mesh = ax.pcolormesh(values[right].values, values[up].values, numbers.T, **look)
-    ax.set(xlabel=axis_label(right, units), ylabel=axis_label(up, units))
+    ax.set(xlabel=axis_label(right, units, values), ylabel=axis_label(up, units, values))
     return mesh
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 from .._hybrid.limits import IMPACT
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._system.parameters import get_parameter, is_parameter
-from .._system.system import with_args
+from .._system.system import varied, with_args
 from .._trajectory.solution import Solution
 
 OrbitsLike = xr.Dataset | PeriodicOrbit | Sequence[PeriodicOrbit]
@@ -78,7 +78,8 @@ def as_sweep(orbits: list[PeriodicOrbit], path: str, num_stops: int) -> xr.Datas
 def _impacts(orbit: PeriodicOrbit, path: str, num_stops: int) -> np.ndarray:
     """Parameter, stability, stop, phase, velocity and relative velocity of each impact of an orbit, (impacts, 6)."""
     system, log = with_args(orbit.system, orbit.args), orbit.events
-    values = np.unique(get_parameter(system, path)) if is_parameter(system, path) else np.empty(0)
+    own = varied(orbit.system, orbit.args)
+    values = np.unique(get_parameter(own, path)) if is_parameter(own, path) else np.empty(0)
     if values.size != 1 or system.num_stops != num_stops:
         raise ValueError(
             f"Argument `orbits` must be of the machine that was swept, with {num_stops} stops, and `{path}` one "

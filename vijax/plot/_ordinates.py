@@ -79,6 +79,6 @@ def ordinate_of(name: str, ds: xr.Dataset) -> Ordinate | None:
     return Ordinate(name, name.replace("_", " ").capitalize(), "", axes[0] if axes else "")
 
 
-def label_of(path: str, labels: Labels | None, units: Units | None) -> str:
+def label_of(path: str, labels: Labels | None, units: Units | None, ds: xr.Dataset | None = None) -> str:
     """Words of a swept quantity or parameter, the user's own if there are any."""
-    return (labels or {}).get(path) or axis_label(path, units)
+    return (labels or {}).get(path) or axis_label(path, units, ds)

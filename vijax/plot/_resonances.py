@@ -23,13 +23,20 @@ def natural_frequencies(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     return np.sqrt(squares[squares > _FREE * np.abs(squares).max()])
 
 
+def _is_frequency(ds: xr.Dataset, path: str) -> bool:
+    """True where the value of a family is the frequency of the load."""
+    if "family" not in ds.attrs or "forcing_period" not in ds:
+        return False
+    return bool(np.allclose(ds["forcing_period"] * ds[path], 2 * np.pi, rtol=1e-9))
+
+
 def draw_resonances(ax: Axes, ds: xr.Dataset, path: str) -> None:
     """Draw the natural frequencies that lie within the x axis.
 
     Raises:
         ValueError: if the x axis is not the frequency of the load.
     """
-    if path != _PATH:
+    if path != _PATH and not _is_frequency(ds, path):
         raise ValueError(
             f"Argument `resonances` draws natural frequencies along `{_PATH}`, but the picture is along `{path}`."
         )

@@ -80,7 +80,10 @@ def shares(
         words.append(f"{label_of_motion(motion)}, up to {percent(float(share[number, best]))}")
     has_other, has_unknown = (bool((band > _NOTHING).any()) for band in bands[-2:])
     ax.set(
-        xlim=(edges[0], edges[-1]), ylim=(0, 1), xlabel=axis_label(path, units), ylabel="Share of the starts"
+        xlim=(edges[0], edges[-1]),
+        ylim=(0, 1),
+        xlabel=axis_label(path, units, followed),
+        ylabel="Share of the starts",
     )
     add_legend(ax, followed, words, [True] * len(named), has_other=has_other, has_unknown=has_unknown)
     return ax

@@ -78,7 +78,7 @@ def torus(
         if shown.any():
             numbers.plot(values, np.where(shown, rotation, np.nan), label=words, **look)
     numbers.xaxis.set_major_locator(MaxNLocator(5))
-    numbers.set(xlabel=label_of(path, labels, units))
+    numbers.set(xlabel=label_of(path, labels, units, ds))
     numbers.set_ylabel((labels or {}).get("rotation_number") or "Rotation number $\\rho$")
     numbers.legend()
     chosen = np.unique(np.linspace(0, len(values) - 1, _MOST_CIRCLES).round().astype(int))

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
     check_target(args.out)
     if args.picture:
         check_picture(args.picture)
-    system, _ = machine_of(args, args.changes)
+    system, _ = machine_of(args, args.changes, {path: sum(bounds) / 2})
     orbit = settled_orbit(args, system)
     try:
         branch = continuation(

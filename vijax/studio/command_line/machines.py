@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,16 @@ import numpy as np
 from ..._jax.compilation_cache import keep_compiled
 from ..._system.files import machine_of_table, read_table
 from ..._system.parameters import set_parameter
-from ..._system.system import ImpactSystem, bound
+from ..._system.system import AnySystem, bound
 from .datasets import is_machine
+from .families import family_of_file, is_function
 from .forces import add_allow_forces, allowed
 from .values import assignment, numbers, one_or_several
+
+MACHINE = (
+    "the machine, .toml or .json, as `vijax sweep --help` describes it; or FILE.py:FUNCTION, a function of numbers by name that "
+    "returns a machine (vx.Family), which runs the file"
+)
 
 
 def command_with_machine(commands: Any, name: str, words: str, about: str, examples: str) -> Any:
@@ -26,7 +33,7 @@ def command_with_machine(commands: Any, name: str, words: str, about: str, examp
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("machine", type=Path, help="the machine, .toml or .json, as `vijax sweep --help` describes it")
+    add("machine", type=Path, help=MACHINE)
     add(
         "--set",
         metavar="PATH=VALUE",
@@ -55,21 +62,30 @@ def add_start(parser: argparse.ArgumentParser) -> None:
     add("--v0", metavar="V,V,...", help="velocities at the start (0)")
 
 
-def machine_of(args: argparse.Namespace, changes: list[str]) -> tuple[ImpactSystem, dict[str, Any]]:
-    """The machine of a file with the changes of `--set`, and the tables of the file."""
-    if not is_machine(args.machine):
-        raise ValueError(f"{args.machine} must be a machine, .toml or .json.")
-    table = read_table(args.machine)
-    system = bound(machine_of_table(table, args.machine, allowed(args, args.machine)))
-    for text in changes:
-        path, value = assignment(text)
-        system = set_parameter(system, path, one_or_several(path, value))
+def machine_of(
+    args: argparse.Namespace, changes: list[str], varied: Mapping[str, float] | None = None
+) -> tuple[AnySystem, dict[str, Any]]:
+    """The machine or the family of a file with the changes of `--set`, and the tables of the file.
+
+    `varied` has values for names of a family that are varied and may have no default.
+    """
+    pairs = [(path, one_or_several(path, value)) for path, value in map(assignment, changes)]
+    if is_function(args.machine):
+        system, table = family_of_file(args.machine, dict(varied or {}) | dict(pairs)), {}
+        pairs = []
+    elif is_machine(args.machine):
+        table = read_table(args.machine)
+        system = bound(machine_of_table(table, args.machine, allowed(args, args.machine)))
+    else:
+        raise ValueError(f"{args.machine} must be a machine, .toml or .json, or FILE.py:FUNCTION.")
+    for path, value in pairs:
+        system = set_parameter(system, path, value)
     if getattr(args, "keep_compiled", False):
         keep_compiled()
     return system, table
 
 
-def start_of(args: argparse.Namespace, system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
+def start_of(args: argparse.Namespace, system: AnySystem) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities at the start, (n,) each."""
     found = []
     for name in ("x0", "v0"):

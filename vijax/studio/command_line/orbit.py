@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._orbits.orbit import PeriodicOrbit
 from ..._orbits.periodic_orbit import periodic_orbit
-from ..._system.system import ImpactSystem
+from ..._system.system import AnySystem
 from ..._trajectory.simulate import simulate
 from .datasets import check_target, write_dataset
 from .machines import add_start, command_with_machine, machine_of, start_of
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
         draw_to(args.picture, lambda: _draw(orbit), style=args.style)
 
 
-def settled_orbit(args: argparse.Namespace, system: ImpactSystem) -> PeriodicOrbit:
+def settled_orbit(args: argparse.Namespace, system: AnySystem) -> PeriodicOrbit:
     """The orbit on which a machine settles from its start.
 
     Raises:

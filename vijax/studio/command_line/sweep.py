@@ -10,7 +10,7 @@ from ..._sweep.sweep import sweep
 from ..._system.spelling import did_you_mean
 from .datasets import check_target, open_dataset, write_dataset
 from .forces import add_allow_forces
-from .machines import machine_of
+from .machines import MACHINE, machine_of
 from .values import RANGES, assignment, numbers, swept_values
 
 _ABOUT = """
@@ -37,6 +37,7 @@ examples:
   vijax sweep machine.toml --out sweep.nc
   vijax sweep machine.toml --out sweep.nc --over forcing.frequency=0.5:2:1000 --over 'forcing.amplitude[0]=0.2,0.3'
   vijax sweep machine.toml --out sweep.zarr --store kept --transient 1000   # killed and called again, it goes on
+  vijax sweep machines.py:rotor --out sweep.nc --sweep frequency=0.5:1.5:1000   # rotor(frequency, ...) returns a machine
 """
 _STARTS = ("x0", "v0")
 
@@ -52,10 +53,15 @@ def add_to(commands: Any) -> None:
         argument_default=argparse.SUPPRESS,
     )
     add = parser.add_argument
-    add("machine", type=Path, help="the machine, .toml or .json")
+    add("machine", type=Path, help=MACHINE)
     add("--out", metavar="FILE", help="where the dataset goes, .nc or .zarr; replaced if it is there")
     add(
-        "--over", metavar="PATH=VALUES", action="append", help=f"what is swept: {RANGES}; several make a grid"
+        "--over",
+        "--sweep",
+        dest="over",
+        metavar="PATH=VALUES",
+        action="append",
+        help=f"what is swept: {RANGES}; several make a grid",
     )
     add("--set", metavar="PATH=VALUE", action="append", dest="changes", help="change the machine first")
     add("--transient", type=int, metavar="N", help="forcing periods before recording (100)")
@@ -83,7 +89,9 @@ def add_to(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Sweep and write the dataset."""
-    system, table = machine_of(args, getattr(args, "changes", []))
+    typed = dict(assignment(text) for text in getattr(args, "over", []))
+    first = {path: float(swept_values(path, given).flat[0]) for path, given in typed.items()}
+    system, table = machine_of(args, getattr(args, "changes", []), first)
     options = _options(table.get("sweep", {}), vars(args), str(args.machine))
     if "out" not in options:
         raise ValueError("Say with --out in which file the dataset goes, .nc or .zarr.")

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..._jax.arrays import Numbers
-from ..._system.system import ImpactSystem
+from ..._system.system import AnySystem, ImpactSystem, machine_of
 from ...plot._axes import create_axes, figure_of
 from .arrangement import Pose
 from .canvas import TIPS, Canvas, Positive
@@ -21,7 +21,7 @@ _CLOSED = 1e-12
 
 
 def machine(
-    system: ImpactSystem,
+    system: AnySystem,
     x: Numbers | None = None,
     *,
     t: float = 0.0,
@@ -69,8 +69,9 @@ def machine(
         Wagg & Bishop (2004), Fig. 1.
     """
     check_positive(positive)
-    system = jax.tree.map(np.asarray, system)  # NumPy arrays, so that nothing is compiled for a picture
-    scheme = scheme_of_system(system)
+    # NumPy arrays, so that nothing is compiled for a picture.
+    own: ImpactSystem = jax.tree.map(np.asarray, machine_of(system))
+    scheme = scheme_of_system(own)
     place = np.zeros(scheme.num_masses) if x is None else np.asarray(x, float)
     if place.shape != (scheme.num_masses,):
         raise ValueError(f"Argument `x` must have shape ({scheme.num_masses},), but has shape {place.shape}.")
@@ -78,7 +79,7 @@ def machine(
         raise ValueError("Arguments `x` and `t` must be finite.")
     # Samples of a whole period, of which the first is drawn: the scale is nearly independent of `t`.
     angles = scheme.frequency * t + np.linspace(0, 2 * np.pi, 9)
-    limit = np.array([[float(stop.at(angle)) for stop in system.stops] for angle in angles])
+    limit = np.array([[float(stop.at(angle)) for stop in own.stops] for angle in angles])
     poses, gaps = poses_of(scheme, np.tile(place, (len(angles), 1)), scheme.signs * limit)
     is_new = ax is None
     ax = create_axes() if ax is None else ax

@@ -33,9 +33,9 @@ _PIXELS, _CLASSES = 800, 6
 _SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ"}
 
 
-def plain_label(path: str) -> str:
-    """Label of a swept quantity without TeX."""
-    return plain(axis_label(path))
+def plain_label(path: str, ds: xr.Dataset | None = None) -> str:
+    """Label of a swept quantity of a dataset without TeX."""
+    return plain(axis_label(path, None, ds))
 
 
 def plain(words: str) -> str:
@@ -94,7 +94,7 @@ def ordinates_in(ds: xr.Dataset) -> list[str]:
 def points_of(ds: xr.Dataset, path: str, ordinate: Ordinates, look: PageStyle) -> Any:
     """Points of a sweep over one quantity, possibly up and down, against this quantity."""
     axes = [
-        hv.Dimension("swept", label=plain_label(path)),
+        hv.Dimension("swept", label=plain_label(path, ds)),
         hv.Dimension("ordinate", label=ordinate.label(ds)),
     ]
     layers = []
@@ -155,7 +155,10 @@ def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[A
     pixels = whole.sel(even, method="nearest").values.T
     image = hv.Image(
         (even[right], even[up], pixels),
-        [hv.Dimension("right", label=plain_label(right)), hv.Dimension("up", label=plain_label(up))],
+        [
+            hv.Dimension("right", label=plain_label(right, ds)),
+            hv.Dimension("up", label=plain_label(up, ds)),
+        ],
         hv.Dimension("kind", range=(-0.5, len(drawn) - 0.5)),
     )
     legend = {words.replace(r"$\infty$", "∞"): color for words, color in colors.items()}

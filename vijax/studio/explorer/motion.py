@@ -15,7 +15,7 @@ from ..._orbits.periodic_orbit import periodic_orbit
 from ..._sections.classify import MOTIONS, classified
 from ..._sweep.provenance import system_of
 from ..._system.parameters import get_parameter, parameter_names, set_parameter
-from ..._system.system import ImpactSystem, bound
+from ..._system.system import AnySystem, bound
 from ..._trajectory.simulate import simulate
 from ..._trajectory.solution import RESULTS, Solution
 from ...plot._labels import swept_paths
@@ -38,7 +38,7 @@ class PointMotion(NamedTuple):
         orbit: the periodic orbit, if one was found.
     """
 
-    system: ImpactSystem
+    system: AnySystem
     solution: Solution
     shown: tuple[float, float]
     kind: xr.Dataset
@@ -121,7 +121,7 @@ def motion_at(
     return motion_from(system, max(int(ds.attrs["record"]), RECORD), x, v)
 
 
-def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> PointMotion:
+def motion_from(system: AnySystem, record: int, x: np.ndarray, v: np.ndarray) -> PointMotion:
     """The motion from a state at phase 0, over `record` forcing periods."""
     period, flow = float(system.forcing.period), flow_of(system)
     sol = simulated(system, record * period, x, v)
@@ -135,7 +135,7 @@ def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray)
     return PointMotion(system, sol, shown, kind, orbit)
 
 
-def scalar_parameters(system: ImpactSystem) -> dict[str, float]:
+def scalar_parameters(system: AnySystem) -> dict[str, float]:
     """Every scalar of a machine by path, without the off-diagonal entries of matrices."""
     found = {}
     for path in parameter_names(bound(system)):
@@ -147,14 +147,14 @@ def scalar_parameters(system: ImpactSystem) -> dict[str, float]:
 
 
 def _settled(
-    system: ImpactSystem, transient: int, x: np.ndarray, v: np.ndarray
+    system: AnySystem, transient: int, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state after the transient; masses beyond a stop that was moved start on it."""
     sol = simulated(system, transient * float(system.forcing.period), _between_stops(system, x), v)
     return np.asarray(sol.x1), np.asarray(sol.v1)
 
 
-def simulated(system: ImpactSystem, end: float, x: np.ndarray, v: np.ndarray) -> Solution:
+def simulated(system: AnySystem, end: float, x: np.ndarray, v: np.ndarray) -> Solution:
     """The trajectory from a state at phase 0, also one whose log is full; raise if it failed."""
     sol = simulate(system, 0.0, end, x, v, flow=flow_of(system), max_events=_EVENTS, throw=False)
     if not (sol.result == RESULTS.successful or sol.result == RESULTS.max_events_reached):
@@ -162,7 +162,7 @@ def simulated(system: ImpactSystem, end: float, x: np.ndarray, v: np.ndarray) ->
     return sol
 
 
-def flow_of(system: ImpactSystem) -> AbstractFlow | None:
+def flow_of(system: AnySystem) -> AbstractFlow | None:
     """The flow: one kind for all linear machines, so that a changed number never needs another compilation.
 
     Rejected: the modal flow, the default of sweeps, which changed dampers would compile again.
@@ -170,7 +170,7 @@ def flow_of(system: ImpactSystem) -> AbstractFlow | None:
     return TaylorFlow() if system.force is None else None
 
 
-def _between_stops(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
+def _between_stops(system: AnySystem, x: np.ndarray) -> np.ndarray:
     """Positions with every mass beyond a stop moved onto it."""
     x = np.array(x, float)
     for stop in system.stops:

@@ -101,7 +101,7 @@ class Explorer:
         ds, is_line = self.ds, len(self.diagram.drawn) == 1
         self.sliders: list[pn.widgets.Widget] = [
             pn.widgets.DiscreteSlider(
-                name=plain_label(dim), options=ds[dim].values.tolist(), value=float(self.place[dim])
+                name=plain_label(dim, ds), options=ds[dim].values.tolist(), value=float(self.place[dim])
             )
             for dim in self.swept[2:]
         ]
