@@ -1,5 +1,6 @@
 """Machine as arrays, as the engine computes with it."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes, with_derivative_of
+from .._jax.arrays import Flag, Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes, with_derivative_of
 from .._system.waves import Waves, phase_at, phase_rate
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
@@ -17,6 +18,7 @@ from .numbers import MachineNumbers
 from .state import State, idle_mode
 from .stops import Stops
 from .switching import COMPLIANT, SwitchingContacts
+from .tables import Knots, Tables, prepare_tables
 
 
 class Machine(eqx.Module):
@@ -26,7 +28,8 @@ class Machine(eqx.Module):
     of the linear motion, for any set of held masses, by its norm; `timescale` is its inverse; `closed_rate` is the rate with compliant
     contacts closed, None if there are none. `extra` is None for a linear
     machine. `frame` is None where all stops stand still or contacts are coupled. Otherwise everything, the load
-    included, is relative to it: positions and velocities are relative to the stops of their mass.
+    included, is relative to it: positions and velocities are relative to the stops of their mass. `tables` is None
+    where no load is given by a table.
     """
 
     damping: Float[Array, "n n ..."]
@@ -43,6 +46,7 @@ class Machine(eqx.Module):
     frame: Frame | None = None
     closed_rate: Any = None
     num_states: int = eqx.field(static=True, default=0)
+    tables: Tables | None = None
 
     @property
     def num_masses(self) -> int:
@@ -56,11 +60,44 @@ class Machine(eqx.Module):
 
     def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """Load at a phase of the forcing, given as cosines and sines of h W t."""
-        return self.mean + self.waves.at(phase)
+        return self.mean + self.varying_load(phase)
+
+    def varying_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        """Load at a phase, or its derivative at the rate of a phase, without its mean."""
+        waves = self.waves.at(phase)
+        return waves if self.tables is None else waves + self.tables.load(self._columns(phase))
+
+    def _columns(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 columns ..."]:
+        """Columns of a phase that belong to loads by tables."""
+        return phase[:, self.waves.num_harmonics :]
+
+    @property
+    def num_columns(self) -> int:
+        """Number of columns of a phase: of harmonics, and of loads by tables."""
+        of_tables = 0 if self.tables is None else self.tables.columns.shape[1]
+        return self.waves.num_harmonics + of_tables
 
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at a time."""
-        return phase_at(self.frequency * t, self.waves.num_harmonics)
+        phase = phase_at(self.frequency * t, self.waves.num_harmonics)
+        return phase if self.tables is None else _side_by_side(phase, self.tables.at(t))
+
+    def phase_at_start(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
+        """Phase at the beginning of a trajectory, at which the machine was prepared."""
+        return self.with_tables(phase_at(self.frequency * t, self.waves.num_harmonics))
+
+    def with_tables(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 columns ..."]:
+        """Phase of the harmonics, and columns of loads by tables, at the beginning of a trajectory."""
+        return phase if self.tables is None else _side_by_side(phase, self.tables.columns)
+
+    def with_harmonics(
+        self, phase: Float[Array, "2 harmonics ..."], step: Scalar, harmonics: Callable[..., Array]
+    ) -> Float[Array, "2 harmonics ..."]:
+        """Change of a phase over a step without a knot, of which `harmonics` makes that of the harmonics."""
+        if self.tables is None:
+            return harmonics(phase)
+        own = harmonics(phase[:, : self.waves.num_harmonics])
+        return _side_by_side(own, self.tables.change(self._columns(phase), step))
 
     def moved(self, x: Float[Array, "n ..."], displacement: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         """Positions after a displacement.
@@ -75,7 +112,10 @@ class Machine(eqx.Module):
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""
-        return phase_rate(phase, self.frequency)
+        if self.tables is None:
+            return phase_rate(phase, self.frequency)
+        harmonics = phase_rate(phase[:, : self.waves.num_harmonics], self.frequency)
+        return _side_by_side(harmonics, self.tables.rate(self._columns(phase)))
 
     def force(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
@@ -87,7 +127,7 @@ class Machine(eqx.Module):
         self, phase: Float[Array, "2 harmonics ..."], v: Float[Array, "n ..."], a: Float[Array, "n ..."]
     ) -> Float[Array, "n ..."]:
         """Time derivative of `force`, for the accelerations `a`."""
-        rate = self.waves.at(self.phase_rate(phase))
+        rate = self.varying_load(self.phase_rate(phase))
         return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
 
     def total_force(self, state: State) -> Float[Array, "n ..."]:
@@ -186,6 +226,31 @@ class Machine(eqx.Module):
         """Speeds of approach to the contacts."""
         return self.contacts.towards(state.v, self.phase_rate(state.phase))
 
+    def until_knots(self, state: State) -> Float[Array, "streams ..."]:
+        """Time to the next knot of each load by a table."""
+        assert self.tables is not None
+        return self.tables.until(state.knots, state.periods * self.period, state.time, state.time_low)
+
+    def past_knots(self, state: State, at: Bool[Array, "streams ..."]) -> tuple[State, Flag]:
+        """State after knots of flagged tables, and whether the load jumps there by more than rounding."""
+        assert self.tables is not None
+        num_harmonics, old = self.waves.num_harmonics, self._columns(state.phase)
+        knots, new = self.tables.past(state.knots, old, at)
+        before, after = self.tables.load(old), self.tables.load(new)
+        noise = 64 * jnp.finfo(after.dtype).eps * self.tables.bound(0)
+        jumps = jnp.any(jnp.abs(after - before) > noise, axis=0)
+        phase = _side_by_side(state.phase[:, :num_harmonics], new)
+        return eqx.tree_at(lambda s: (s.phase, s.knots), state, (phase, knots)), jumps
+
+
+def _side_by_side(
+    harmonics: Float[Array, "2 harmonics ..."], columns: Float[Array, "2 columns ..."]
+) -> Float[Array, "2 both ..."]:
+    """Phase of harmonics and of loads by tables, in all lanes of both."""
+    lanes = jnp.broadcast_shapes(harmonics.shape[2:], columns.shape[2:])
+    both = [jnp.broadcast_to(a, (*a.shape[:2], *lanes)) for a in (harmonics, columns)]
+    return jnp.concatenate(both, axis=1)
+
 
 def state_before_contact(
     machine: Machine,
@@ -209,7 +274,13 @@ def state_before_contact(
         held=held,
         contact=jnp.zeros(gap.shape, jnp.int8),
         mode=idle_mode(gap) if machine.contacts.is_switching else None,
+        knots=None if machine.tables is None else _first_knots(machine.tables, zero),
     )
+
+
+def _first_knots(tables: Tables, like: Scalar) -> Knots:
+    """Places in all tables at the beginning of a trajectory, in all lanes."""
+    return jax.tree.map(lambda a: jnp.broadcast_to(a, (len(a), *like.shape)), tables.first)
 
 
 def moving_with(machine: Machine, state: State, x: Float[Array, "n ..."], v: Float[Array, "n ..."]) -> State:
@@ -289,7 +360,14 @@ def prepare(
         frame=frame,
         closed_rate=_closed_rate(numbers, contacts, rate) if is_switching else None,
         num_states=numbers.num_states,
+        tables=_tables(numbers, start[0], frequency),
     )
+
+
+def _tables(numbers: MachineNumbers, t0: Scalar, frequency: Scalar) -> Tables | None:
+    if numbers.tables is None:
+        return None
+    return prepare_tables(numbers.tables, t0, frequency, numbers.waves.num_harmonics)
 
 
 def _contacts(numbers: MachineNumbers, rows: Reals, inverse_mass: Array, walls: Waves | None) -> Contacts:

@@ -111,6 +111,9 @@ def _blank_recording(carry: Carry) -> _Recording:
     nothing = jnp.zeros_like(state.time)
     flags = jnp.zeros(lanes, bool)
     flight = Flight(state, nothing, state.no_events, flags)
+    if state.knots is not None:
+        at_knots = jnp.zeros_like(state.knots.passed, bool)
+        flight = Flight(state, nothing, state.no_events, flags, at_knots, flags)
     count = jnp.zeros(lanes, int)
 
     def rows(a: Array) -> Array:
