@@ -6,6 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._jax.arrays import Reals
@@ -110,7 +111,7 @@ class LoadSum(AbstractLoad):
     @property
     def frequency(self) -> Reals:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Angular frequency of all loads; 0 if they have different ones, or one has none."""
-        return self.clock * 0 if self.common is None else self.common
+        return np.zeros(np.shape(self.clock), self.clock.dtype) if self.common is None else self.common
 
     @property
     def loads(self) -> tuple[AbstractLoad, ...]:
@@ -145,6 +146,10 @@ class LoadSum(AbstractLoad):
     def with_more(self, count: int) -> "LoadSum":
         """The loads, zero on some more coordinates."""
         return eqx.tree_at(lambda s: s.parts, self, tuple(part.with_more(count) for part in self.parts))
+
+    def with_own_frequencies(self) -> tuple[AbstractLoad, ...]:
+        """The loads, each with its frequency."""
+        return _with_own_frequencies(self)
 
     def __getitem__(self, index: int) -> AbstractLoad:
         return self.parts[index]
