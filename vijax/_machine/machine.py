@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Flag, Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes, with_derivative_of
-from .._system.waves import Waves, phase_at, phase_rate
+from .._system.waves import Waves, phase_at, phase_rate, turned
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
 from .frame import Frame
@@ -80,7 +80,14 @@ class Machine(eqx.Module):
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at a time."""
         phase = phase_at(self.frequency * t, self.waves.num_harmonics)
-        return phase if self.tables is None else _side_by_side(phase, self.tables.at(t))
+        return phase if self.tables is None else self.with_tables_at(phase, t)
+
+    def with_tables_at(
+        self, phase: Float[Array, "2 harmonics ..."], t: Scalar
+    ) -> Float[Array, "2 columns ..."]:
+        """Phase of the harmonics, and columns of loads by tables, at a time."""
+        assert self.tables is not None
+        return _side_by_side(phase, self.tables.at(t))
 
     def phase_at_start(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at the beginning of a trajectory, at which the machine was prepared."""
@@ -89,6 +96,17 @@ class Machine(eqx.Module):
     def with_tables(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 columns ..."]:
         """Phase of the harmonics, and columns of loads by tables, at the beginning of a trajectory."""
         return phase if self.tables is None else _side_by_side(phase, self.tables.columns)
+
+    def phase_after(
+        self, phase: Float[Array, "2 harmonics ..."], step: Scalar
+    ) -> Float[Array, "2 harmonics ..."]:
+        """Phase after a step of any length without a knot."""
+        by = phase_at(self.frequency * step, self.waves.num_harmonics)
+        if self.tables is None:
+            return turned(phase, by)
+        own = turned(phase[:, : self.waves.num_harmonics], by)
+        columns = self._columns(phase)
+        return _side_by_side(own, columns + self.tables.change(columns, step))
 
     def with_harmonics(
         self, phase: Float[Array, "2 harmonics ..."], step: Scalar, harmonics: Callable[..., Array]

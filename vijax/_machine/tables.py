@@ -152,6 +152,12 @@ class Stream(eqx.Module):
         is_turn = self.row(passed) + 1 >= self.count
         return jnp.where(is_turn, ((passed >> self._bits) + 1) << self._bits, passed + 1)
 
+    def preceding(self, passed: Int[Array, "..."]) -> Int[Array, "..."]:
+        """The place before the last knot."""
+        is_turn = self.row(passed) == 0
+        before = (((passed >> self._bits) - 1) << self._bits) + self.count - 1
+        return jnp.where(is_turn, before, passed - 1)
+
     def start(self, passed: Int[Array, "..."]) -> Scalar:
         """Time at which the row of a place begins."""
         return row_at(self.starts, self.row(passed)) + (passed >> self._bits) * self.turn
@@ -262,11 +268,29 @@ class Tables(eqx.Module):
     ) -> tuple[Knots, Float[Array, "2 columns ..."]]:
         """Places and columns of the phase after the next knot of the flagged tables."""
         passed = [s.following(p) for s, p in zip(self.streams, knots.passed, strict=True)]
-        new = _columns([row_at(s.rows, s.row(p)) for s, p in zip(self.streams, passed, strict=True)])
-        passed = jnp.where(at, jnp.stack(passed), knots.passed)
-        width = new.shape[1] // len(self.streams)
-        flags = jnp.repeat(at, width, axis=0)
-        return eqx.tree_at(lambda k: k.passed, knots, passed), jnp.where(flags, new, columns)
+        rows = [row_at(s.rows, s.row(p)) for s, p in zip(self.streams, passed, strict=True)]
+        return self._chosen(knots, columns, at, (jnp.stack(passed), _columns(rows)))
+
+    def before(
+        self, knots: Knots, columns: Float[Array, "2 columns ..."], at: Bool[Array, "streams ..."]
+    ) -> tuple[Knots, Float[Array, "2 columns ..."]]:
+        """Places and columns of the phase before the last knot of the flagged tables."""
+        passed, rows = [], []
+        for stream, p in zip(self.streams, knots.passed, strict=True):
+            last = stream.preceding(p)
+            passed.append(last)
+            width = stream.start(p) - stream.start(last)
+            rows.append(shifted(row_at(stream.rows, stream.row(last)), width))
+        return self._chosen(knots, columns, at, (jnp.stack(passed), _columns(rows)))
+
+    def _chosen(
+        self, knots: Knots, columns: Float[Array, "2 columns ..."], at: Bool[Array, "streams ..."], new: tuple
+    ) -> tuple[Knots, Float[Array, "2 columns ..."]]:
+        """New places and columns of the flagged tables."""
+        passed, those = new
+        flags = jnp.repeat(at, those.shape[1] // len(self.streams), axis=0)
+        passed = jnp.where(at, passed, knots.passed)
+        return eqx.tree_at(lambda k: k.passed, knots, passed), jnp.where(flags, those, columns)
 
     def _derivatives(self, columns: Float[Array, "2 columns ..."]) -> list[Float[Array, "streams n ..."]]:
         """Derivatives of each load, from columns of a phase."""

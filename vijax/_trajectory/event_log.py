@@ -19,7 +19,6 @@ from .._machine.machine import Machine
 from .._machine.state import Mode, State
 from .._machine.tables import Knots
 from .._printing import as_html, as_text, describe_events
-from .._system.waves import phase_at, turned
 from .batched import Writing, put
 
 if TYPE_CHECKING:
@@ -355,13 +354,7 @@ def _velocities_of_stops(
     machine: Machine, instants: Instant, phases: Float[Array, "rows 2 harmonics"]
 ) -> Float[Array, "rows kinds stops"] | None:
     """Velocities of the stops at the events of every instant; None if all stand still."""
-
-    def turn(phase: Array, delay: Scalar) -> Array:
-        by = phase_at(machine.frequency * delay, machine.waves.num_harmonics)
-        # Loads by tables, which move no stop, are left as they are.
-        return machine.with_harmonics(phase, delay, lambda harmonics: turned(harmonics, by))
-
-    later = jax.vmap(jax.vmap(turn, (None, 0)))
+    later = jax.vmap(jax.vmap(machine.phase_after, (None, 0)))
     now, of_others = (over(machine.velocity_of_stops) for over in (jax.vmap, lambda f: jax.vmap(jax.vmap(f))))
     now, at_sticks = now(phases), of_others(later(phases, instants.chatter))
     if now is None or at_sticks is None:
