@@ -22,6 +22,7 @@ from .._jax.arrays import Numbers, as_float
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import numbers_of
+from .._system.forcing import Harmonic
 from .._system.system import ImpactSystem, with_args
 from .._system.waves import phase_at
 from .sticking import is_pressed
@@ -232,6 +233,11 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
     if len(set(masses)) < len(masses):
         raise ValueError(
             f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
+        )
+    if not isinstance(system.forcing, Harmonic):
+        raise ValueError(
+            "The sticking region is that of a load by one `vx.Harmonic`: `Solution.contact_force` has the forces along a motion "
+            "under any load."
         )
     system = with_args(system, None)
     one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.forcing.mean)

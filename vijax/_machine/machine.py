@@ -77,6 +77,11 @@ class Machine(eqx.Module):
         of_tables = 0 if self.tables is None else self.tables.columns.shape[1]
         return self.waves.num_harmonics + of_tables
 
+    @property
+    def is_periodic(self) -> bool:
+        """True if all loads by tables repeat with the forcing period, and where there are none."""
+        return self.tables is None or all(self.tables.first.in_step)
+
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at a time."""
         phase = phase_at(self.frequency * t, self.waves.num_harmonics)

@@ -102,7 +102,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
     def of_contacts(values: list) -> Reals:
         return stack([value + zero for value in values]) if values else np.zeros((0, *zero.shape), zero.dtype)
 
-    mean, waves = _harmonics(system, size)
+    mean, waves = harmonic_load_of(system)
     none, one = [0.0] * len(system.friction), np.ones((), zero.dtype)
     restitutions = [stop.restitution if isinstance(stop, AbstractRigidLimit) else one for stop in stops]
     return MachineNumbers(
@@ -125,9 +125,9 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
     )
 
 
-def _harmonics(system: ImpactSystem, size: int) -> tuple[Reals, Waves]:
-    """Mean of the load, and its harmonics padded to a size."""
-    lane_axes, forcing = system.stiffness.ndim - 2, system.forcing
+def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:
+    """Mean of the load, and its harmonics, padded."""
+    lane_axes, forcing, size = system.stiffness.ndim - 2, system.forcing, num_harmonics(system)
     if isinstance(forcing, Harmonic):
         return forcing.mean, forcing.waves(lane_axes).padded(size)
     none = np.zeros((system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)

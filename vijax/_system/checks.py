@@ -181,6 +181,8 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
         check_mass_matrices(np.moveaxis(np.asarray(system.mass), -1, 0))
     else:
         check_every("mass", system.mass, POSITIVE)
+    if system.forcing.why_not_periodic:
+        raise ValueError(system.forcing.why_not_periodic)
     check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
     for name in ("damping", "stiffness"):
         check_finite(name, np.asarray(getattr(system, name)))

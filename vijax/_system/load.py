@@ -124,7 +124,8 @@ class LoadSum(AbstractLoad):
         if self.common is not None:
             return ""
         reasons = [part.why_not_periodic for part in self.parts if part.why_not_periodic]
-        return reasons[0] if reasons else _DIFFERENT
+        is_all_constant = all(map(is_constant, self.parts))
+        return reasons[0] if reasons else "" if is_all_constant else _DIFFERENT
 
     @property
     def clock(self) -> Reals:
