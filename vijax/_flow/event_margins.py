@@ -18,7 +18,7 @@ from .._machine.machine import Machine
 from .._machine.state import KEPT_CLOSED, State
 from .._system.waves import speeds, turned
 from .bernstein import bernstein, derivative_coefficients, divided, first_crossing, nodes
-from .modal import LONGEST_STEP_AND_TERMS, cosine_and_sine
+from .mode_series import LONGEST_STEP_AND_TERMS, cosine_and_sine
 
 
 class StepInterior(eqx.Module):

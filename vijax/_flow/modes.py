@@ -14,7 +14,6 @@ import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
 from .._machine.numbers import num_harmonics
-from .._machine.tables import is_by_tables
 from .._system.checks import is_semidefinite, is_symmetric
 from .._system.system import ImpactSystem
 from .modal import ModalFlow, Modes
@@ -35,7 +34,7 @@ def modal_flow(
     Returns:
         The flow, or None.
     """
-    if system.is_coupled or is_by_tables(system):
+    if system.is_coupled:
         return None
     mass, damping, stiffness = (concrete(a) for a in (system.mass, system.damping, system.stiffness))
     holdable = sorted({stop.slot[0] for stop in system.stops if stop.slot}) if can_stick else []

@@ -71,6 +71,11 @@ class Machine(eqx.Module):
         """Columns of a phase that belong to loads by tables."""
         return phase[:, self.waves.num_harmonics :]
 
+    def derivatives_of_tables(self, phase: Float[Array, "2 columns ..."]) -> list[Float[Array, "n ..."]]:
+        """Sum of the loads by tables at a phase, and its derivatives by time."""
+        assert self.tables is not None
+        return self.tables.derivatives_of_load(self._columns(phase))
+
     @property
     def num_columns(self) -> int:
         """Number of columns of a phase: of harmonics, and of loads by tables."""

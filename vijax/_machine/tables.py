@@ -235,6 +235,10 @@ class Tables(eqx.Module):
         """Load of columns of a phase; its derivative, of those of the rate of a phase."""
         return add_up(self._derivatives(columns)[0])
 
+    def derivatives_of_load(self, columns: Float[Array, "2 columns ..."]) -> list[Float[Array, "n ..."]]:
+        """Load of columns of a phase, and its derivatives by time."""
+        return [add_up(p) for p in self._derivatives(columns)]
+
     def rate(self, columns: Float[Array, "2 columns ..."]) -> Float[Array, "2 columns ..."]:
         """Time derivative of columns of a phase."""
         p = self._derivatives(columns)
