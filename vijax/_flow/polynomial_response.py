@@ -14,6 +14,7 @@ intervals it is far larger than the motion.) The free motion comes with them: ex
 from math import factorial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -22,6 +23,10 @@ from .._jax.xla import compute_once
 
 # Longest step, times the rate of the motion, and number of terms of the power series, which are summed at half of it.
 LONGEST_STEP_AND_TERMS = {"float64": (1.5, 15), "float32": (0.5, 7)}
+
+
+# Doublings of a short time, from which on responses follow from the lowest up.
+_DOUBLINGS = 6
 
 
 class FromRest(NamedTuple):
@@ -43,16 +48,35 @@ class FromRest(NamedTuple):
 
 def from_rest(w2: Array, a: Array, step: Scalar, orders: int) -> FromRest:
     """Responses after a step of at most `LONGEST_STEP_AND_TERMS`, to loads of degree below `orders`, 2 or more."""
-    return FromRest(compute_once(_doubled, w2, a, 0.5 * step, orders))
+    half = 0.5 * step
+
+    def doubled(w2: Array, a: Array, half: Scalar) -> tuple[Array, ...]:
+        return _doubled(w2, a, half, _summed(w2, a, half, orders))
+
+    return FromRest(compute_once(doubled, w2, a, half))
 
 
 def from_rest_at_any_time(
     w2: Array, a: Array, time: Scalar, orders: int, free: tuple[Array, Array, Array]
 ) -> FromRest:
-    """Responses after any time, short or long, from the increments of the free motion."""
+    """Responses after any time, short or long, from the increments of the free motion.
+
+    From the lowest up they are small differences where the time is short, also against the slow decay of a strongly damped
+    mode. Up to 2^`_DOUBLINGS` scales of time they come from a short time by doubling.
+    """
     scale = jnp.sqrt(w2) + 2 * a
-    is_short = jnp.abs(time) * scale < 1
-    short = _doubled(w2, a, 0.5 * jnp.where(is_short, time, 0), orders)
+    doublings = jnp.ceil(jnp.log2(jnp.maximum(jax.lax.stop_gradient(jnp.abs(time) * scale), 1))).astype(int)
+    is_short = doublings <= _DOUBLINGS
+    part = jnp.where(is_short, time * 0.5 ** jnp.minimum(doublings, _DOUBLINGS), 0)
+
+    def double(carry: tuple[Array, tuple[Array, ...]], k: Array) -> tuple[tuple, None]:
+        part, found = carry
+        goes_on = k < doublings
+        further = _doubled(w2, a, part, found)
+        found = tuple(jnp.where(goes_on, *pair) for pair in zip(further, found, strict=True))
+        return (jnp.where(goes_on, 2 * part, part), found), None
+
+    (_, short), _ = jax.lax.scan(double, (part, _summed(w2, a, part, orders)), jnp.arange(_DOUBLINGS))
     grow, reach, slow = free
     long = [1 + slow, reach, -grow / w2]
     for j in range(1, orders):
@@ -60,10 +84,9 @@ def from_rest_at_any_time(
     return FromRest(tuple(jnp.where(is_short, *pair) for pair in zip(short, long, strict=True)))
 
 
-def _doubled(w2: Array, a: Array, half: Scalar, orders: int) -> tuple[Array, ...]:
-    """Responses after twice a short time."""
-    begun = _summed(w2, a, half, orders)
-    impulse, first, own = begun[1], begun[2], begun[2:]
+def _doubled(w2: Array, a: Array, half: Scalar, begun: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Responses after twice the time `half`, from those after it."""
+    impulse, first, own, orders = begun[1], begun[2], begun[2:], len(begun) - 2
     powers = [half**k / factorial(k) for k in range(orders)]
     found = []
     for j in range(orders):

@@ -112,10 +112,10 @@ def in_new_period(
     is_over: Flag,
 ) -> tuple[Knots, Float[Array, "2 columns ..."]]:
     """Places and phase where a forcing period may be over; loads that are out of step go on."""
-    of_rows = lambda flags, like: np.array(flags).reshape(-1, *[1] * (like.ndim - 1))  # noqa: E731
-    passed = jnp.where(is_over & of_rows(knots.in_step, knots.passed), knots.first, knots.passed)
-    anew = of_rows(knots.anew, phase[0])
-    return eqx.tree_at(lambda k: k.passed, knots, passed), jnp.where(is_over & anew, phase0, phase)
+    of_rows = lambda flags: np.array(flags).reshape(-1, *[1] * is_over.ndim)  # noqa: E731
+    passed = jnp.where(is_over[None] & of_rows(knots.in_step), knots.first, knots.passed)
+    anew = (is_over[None] & of_rows(knots.anew))[None]
+    return eqx.tree_at(lambda k: k.passed, knots, passed), jnp.where(anew, phase0, phase)
 
 
 class Stream(eqx.Module):
@@ -181,7 +181,7 @@ class Stream(eqx.Module):
 
 def _rows_until(knots: Float[Array, "rows ..."], t: Scalar) -> Int[Array, "..."]:
     """Number of knots that are not after a time."""
-    return jnp.sum(knots <= t, axis=0)
+    return jnp.sum(knots <= t[None], axis=0)
 
 
 def row_at(rows: Array, which: Int[Array, "..."]) -> Array:
@@ -201,7 +201,7 @@ def shifted(p: Float[Array, "orders ..."], step: Scalar) -> Float[Array, "orders
 
 def change_of(p: list[Array], step: Scalar) -> Array:
     """Change of the derivatives of a polynomial over a step, accurate relative to itself."""
-    changes = []
+    changes, step = [], step.reshape((1,) * (p[0].ndim - step.ndim) + step.shape)
     for k in range(len(p)):
         total = jnp.zeros_like(p[k] * step)
         for j in range(len(p) - 1, k, -1):  # Horner's scheme
@@ -294,7 +294,7 @@ class Tables(eqx.Module):
         passed, those = new
         flags = jnp.repeat(at, those.shape[1] // len(self.streams), axis=0)
         passed = jnp.where(at, passed, knots.passed)
-        return eqx.tree_at(lambda k: k.passed, knots, passed), jnp.where(flags, those, columns)
+        return eqx.tree_at(lambda k: k.passed, knots, passed), jnp.where(flags[None], those, columns)
 
     def _derivatives(self, columns: Float[Array, "2 columns ..."]) -> list[Float[Array, "streams n ..."]]:
         """Derivatives of each load, from columns of a phase."""
@@ -350,10 +350,10 @@ def prepare_tables(
 def _stream(numbers: TableNumbers, origin: Scalar, clock: Scalar) -> Stream:
     knots, rows, count = numbers.knots, numbers.rows, numbers.count.astype(int)
     if not numbers.is_wave:
-        return Stream(knots - origin, rows, count, jnp.zeros_like(knots[0]), knots, None, False)
+        return Stream(knots - origin[None], rows, count, jnp.zeros_like(knots[0]), knots, None, False)
     frequency = clock if numbers.frequency is None else numbers.frequency
     angle = frequency * origin
     begin = angle - 2 * jnp.pi * jnp.floor(angle / (2 * jnp.pi))
-    scales = jnp.stack([frequency**k for k in range(rows.shape[1])])[:, None]
-    starts = (knots - begin) / frequency
+    scales = jnp.stack([frequency**k for k in range(rows.shape[1])])[None, :, None]
+    starts = (knots - begin[None]) / frequency[None]
     return Stream(starts, rows * scales, count, 2 * jnp.pi / frequency, knots, frequency, numbers.is_in_step)

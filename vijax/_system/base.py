@@ -1,5 +1,7 @@
 """Load on a machine from the motion of its base."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -19,7 +21,7 @@ def base_excitation(
     phase: Numbers | None = None,
     mean: Numbers | None = None,
     *,
-    acceleration: Tabulated | Waveform | None = None,
+    acceleration: Any = None,
 ) -> AbstractLoad:
     """Return the load on a machine whose base moves, in coordinates relative to the base.
 
@@ -75,7 +77,7 @@ def base_excitation(
     return _of_displacement(m, amplitude, frequency, phase, mean)
 
 
-def _of_acceleration(mass: Float[Array, " n"], acceleration: Tabulated | Waveform) -> AbstractLoad:
+def _of_acceleration(mass: Float[Array, " n"], acceleration: Any) -> AbstractLoad:
     if not isinstance(acceleration, Tabulated | Waveform):
         raise ValueError(
             f"Argument `acceleration` must be a `vx.Tabulated` or `vx.Waveform`, but is {acceleration!r}."
@@ -86,7 +88,7 @@ def _of_acceleration(mass: Float[Array, " n"], acceleration: Tabulated | Wavefor
             f"Argument `acceleration` must have one column, `values` of shape (knots,), but has shape {values.shape}: the base moves "
             "all masses alike."
         )
-    return eqx.tree_at(lambda load: load.values, acceleration, -values * mass)
+    return eqx.tree_at(lambda load: load.values, acceleration, -values * mass[None])
 
 
 def _of_displacement(

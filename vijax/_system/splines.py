@@ -49,7 +49,7 @@ def _not_a_knot(width: Reals, slope: Reals) -> Reals:
     if count == 1:
         return library.concatenate([0 * slope, 0 * slope])
     if count == 2:
-        curvature = change / (3 * (width[0] + width[1]))
+        curvature = change / (3 * (width[:1] + width[1:]))
         return library.concatenate([curvature] * 3)
     before, after = width[:-1], width[1:]
     diagonal = 2 * (before + after)

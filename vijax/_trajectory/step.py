@@ -83,12 +83,12 @@ def _flight_to_knot(
     target = jnp.where(is_first, nearest, remaining)
     flight = as_part(fly, flow, machine, state, target, resolution)
     rounding = resolution + simultaneity_tolerance(machine)
-    at_knots = flight.is_last & (until <= target + rounding)
+    at_knots = flight.is_last[None] & (until <= (target + rounding)[None])
     waits = jnp.any(at_knots, axis=0) & jnp.any(flight.is_event, axis=0) & (flight.duration > rounding)
     return eqx.tree_at(
         lambda f: (f.at_knots, f.at_goal),
         flight,
-        (at_knots & ~waits, flight.is_last & ~is_first & ~waits),
+        (at_knots & ~waits[None], flight.is_last & ~is_first & ~waits),
         is_leaf=lambda leaf: leaf is None,
     )
 
