@@ -75,7 +75,6 @@ from ._system.restitution import (
 )
 from ._system.states import with_states as with_states
 from ._system.stop import Stop as Stop
-from ._system.load import LoadSum as LoadSum
 from ._system.tabulated import Tabulated as Tabulated, Waveform as Waveform
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 from ._tori.torus import follow_torus as follow_torus
