@@ -34,7 +34,9 @@ def test_an_orbit_closes_and_has_the_multipliers_of_the_map(orbit):
     np.testing.assert_allclose([x, v], [orbit.x0, orbit.v0], rtol=0, atol=ROUNDING)
     matrix = vx.monodromy_matrix(system, orbit.x0, orbit.v0)
     np.testing.assert_allclose(np.poly(orbit.multipliers), np.poly(matrix), rtol=0, atol=ROUNDING)
-    loss = np.exp(-0.1 * float(system.forcing.period)) * 0.7 ** (2 * int(np.sum(np.asarray(orbit.events.kind) == 0)))
+    loss = np.exp(-0.1 * float(system.forcing.period)) * 0.7 ** (
+        2 * int(np.sum(np.asarray(orbit.events.kind) == 0))
+    )
     assert float(np.prod(orbit.multipliers).real) == pytest.approx(loss, abs=ROUNDING)
 
 

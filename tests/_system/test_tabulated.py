@@ -129,7 +129,10 @@ def test_a_base_may_move_by_a_record():
         (lambda: vx.Tabulated([0.0, np.nan], [[1.0], [2.0]]), "`times` must be finite"),
         (lambda: vx.Tabulated([0.0, 1.0], [[1.0, 2.0]]), r"`values` must have shape \(knots, n\)"),
         (lambda: vx.Tabulated([[0.0, 1.0]], [[1.0, 2.0]]), r"`times` must have shape \(knots,\)"),
-        (lambda: vx.Tabulated([0.0, 1.0], [1.0, 2.0], "spline"), "`kind` must be one of 'linear', 'previous'"),
+        (
+            lambda: vx.Tabulated([0.0, 1.0], [1.0, 2.0], "spline"),
+            "`kind` must be one of 'linear', 'previous'",
+        ),
         (lambda: vx.Waveform([0.0, 7.0], [1.0, 2.0], 1.0), r"`phases` must lie in \[0, 2 pi\)"),
         (lambda: vx.Waveform([0.0, 3.0], [1.0, 2.0], 0.0), "`frequency` must be positive"),
         (lambda: machine(vx.Tabulated([0.0, 1.0], [[1.0, 1.0]] * 2)), "`forcing.values` must end in"),

@@ -34,8 +34,7 @@ MACHINES = {
     "light stop": ONE | {"stops": [vx.Stop(0, 0.2, "upper", 0.3)]},
     "plastic stops": ONE | {"stops": [vx.Stop(0, 0.2, "upper", 0.0), vx.Stop(0, -0.3, "lower", 0.0)]},
     "friction": ONE | {"friction": [vx.Friction(0, 0.4, 0.6)]},
-    "friction and stop": ONE
-    | {"stops": [vx.Stop(0, 0.2, "upper", 0.5)], "friction": [vx.Friction(0, 0.3)]},
+    "friction and stop": ONE | {"stops": [vx.Stop(0, 0.2, "upper", 0.5)], "friction": [vx.Friction(0, 0.3)]},
     "compliant stop": ONE | {"stops": [vx.CompliantStop(0, 0.2, "upper", 20.0, 1.0, 0.1)]},
     "preloaded stop": ONE | {"stops": [vx.CompliantStop(0, 0.2, "upper", 20.0, 0.5, preload=0.8)]},
     "no spring": {"mass": [1.0], "damping": [[0.0]], "stiffness": [[0.0]]}
@@ -162,7 +161,10 @@ def test_motions_are_evaluated_at_any_time():
 @pytest.mark.slow
 def test_a_wave_form_is_exact_over_a_million_periods():
     system = machine(vx.Waveform([0.0, np.pi], [[1.0], [-1.0]], 0.8, "previous"))
-    few, many = (vx.simulate(system, 0.0, n * system.forcing.period, max_events=0, throw=False) for n in (400, 1_000_000))
+    few, many = (
+        vx.simulate(system, 0.0, n * system.forcing.period, max_events=0, throw=False)
+        for n in (400, 1_000_000)
+    )
     np.testing.assert_allclose(many.x1, few.x1, rtol=0, atol=1e-8)  # the end is rounded to 1e-9 of a period
 
 

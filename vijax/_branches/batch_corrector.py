@@ -15,8 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._flow.modal import ModalFlow
-from .._machine.tables import is_by_tables
 from .._lanes.kernels import kernel_of, pruned
+from .._machine.tables import is_by_tables
 from .._orbits.condensation import Pencil, basis_of_kernel
 from .._orbits.cycle import Event, Moment, Problem, fly_to_event, initial_moment, moved_by
 from .._orbits.floquet import floquet_multipliers

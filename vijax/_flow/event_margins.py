@@ -251,7 +251,6 @@ def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time:
     By power series: library sines and cosines in every stage of a solver cost a third of the step.
     """
 
-
     def of_harmonics(phase: Array) -> Array:
         angle = speeds(phase, machine.frequency) * time
         wave, arc = cosine_and_sine(angle * angle, LONGEST_STEP_AND_TERMS[str(angle.dtype)][1])

@@ -35,8 +35,8 @@ from .interface import Expansion
 from .mode_series import (
     LONGEST_STEP_AND_TERMS,
     cosine_and_sine,
-    faded,
     factors,
+    faded,
     increments_at_any_time,
 )
 from .polynomial_response import (
@@ -45,6 +45,7 @@ from .polynomial_response import (
     from_rest,
     from_rest_at_any_time,
 )
+
 
 class Modes(eqx.Module):
     """Normal modes for one set of held masses, or with a leading axis over all sets.

@@ -9,7 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Flag, Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes, with_derivative_of
+from .._jax.arrays import (
+    Flag,
+    Reals,
+    Scalar,
+    clip_to_zero,
+    matrix_product,
+    matvec,
+    over_lanes,
+    with_derivative_of,
+)
 from .._system.waves import Waves, phase_at, phase_rate, turned
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce

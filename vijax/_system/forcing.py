@@ -37,7 +37,9 @@ class Harmonic(AbstractLoad):
     """
 
     amplitude: Float[Array, "..."]
-    frequency: Float[Array, "..."]  # None in a machine's stop or sum of loads, which has that of the whole load
+    frequency: Float[
+        Array, "..."
+    ]  # None in a machine's stop or sum of loads, which has that of the whole load
     phase: Float[Array, "..."]
     mean: Float[Array, "..."]
 

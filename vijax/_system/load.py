@@ -22,7 +22,9 @@ class AbstractLoad(eqx.Module):
     To add a kind of load, write its fields and the methods here, and let `numbers_of` put it into arrays.
     """
 
-    frequency: eqx.AbstractVar[Any]  # angular frequency; 0 where the load has none, None in a sum that has one for all
+    frequency: eqx.AbstractVar[
+        Any
+    ]  # angular frequency; 0 where the load has none, None in a sum that has one for all
 
     @property
     def period(self) -> Float[Array, "..."]:
@@ -221,5 +223,7 @@ def _common(loads: list[AbstractLoad]) -> list[Any]:
         if known is not None and known.any():
             return []
         if known is None:
-            first = checked(first, differs.astype(int), ("", f"Traced frequencies must be equal: {_DIFFERENT}"))
+            first = checked(
+                first, differs.astype(int), ("", f"Traced frequencies must be equal: {_DIFFERENT}")
+            )
     return [first]

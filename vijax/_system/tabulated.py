@@ -194,5 +194,5 @@ def _check_table(name: str, knots: Array, values: Array, kind: str) -> None:
         place = int(np.argmax(~(np.diff(known) > 0)))
         raise ValueError(
             f"Argument `{name}` must rise from knot to knot, but knot {place + 1} ({known[place + 1]:.6g}) does not lie behind knot "
-            f"{place} ({known[place]:.6g}): a jump is two knots close together, or the kind \"previous\"."
+            f'{place} ({known[place]:.6g}): a jump is two knots close together, or the kind "previous".'
         )
