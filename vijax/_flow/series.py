@@ -84,7 +84,7 @@ def next_coefficients(machine: Machine, hold: Held) -> Callable:
         for i in range(len(x)):
             load = add_up([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
             force.append(load + jnp.where(k == 0, mean[i], 0) - (k + 1) * drag[i] - spring[i])
-        if columns is not None:
+        if tables is not None and columns is not None:
             force = [a + b for a, b in zip(force, _rows(tables.load(columns)), strict=True)]
         of_phase = jnp.stack(phase).reshape(2, num_harmonics, *phase[0].shape)
         x_new = machine.contacts.accelerations(vector(force, n), hold, of_phase)
@@ -92,7 +92,7 @@ def next_coefficients(machine: Machine, hold: Held) -> Callable:
         cos, sin = phase[: len(speeds)], phase[len(speeds) :]
         phase_new = [-w * s * by_next for w, s in zip(speeds, sin, strict=True)]
         phase_new += [w * c * by_next for w, c in zip(speeds, cos, strict=True)]
-        if columns is not None:
+        if tables is not None and columns is not None:
             phase_new = _joined(phase_new, by_next * tables.rate(columns))
         return (x_next, x_new, phase_new), (x_new, force, phase_new)
 

@@ -240,6 +240,6 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
             "under any load."
         )
     system = with_args(system, None)
-    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.forcing.mean)
+    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros(system.num_masses, system.mass.dtype)
     machine = prepare(numbers_of(system), one, (0 * one, rest, rest), can_stick=True)
     return StickingRegion(machine, tuple(int(j) for j in stops), tuple(masses))

@@ -131,7 +131,8 @@ def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:
     if isinstance(forcing, Harmonic):
         return forcing.mean, forcing.waves(lane_axes).padded(size)
     none = np.zeros((system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)
-    means, waves = [none], [Waves(none[None], none[None]).padded(size)]
+    means: list[Reals] = [none]
+    waves = [Waves(none[None], none[None]).padded(size)]
     for load in forcing.loads:
         if not isinstance(load, Harmonic):
             continue

@@ -110,6 +110,8 @@ def _outcome_at_knot(
     machine: Machine, flight: Flight, law: ModuleType, call: Callable[..., tuple[State, Instant]]
 ) -> tuple[State, Instant]:
     """`outcome` of a flight that may end at knots of the load: what holds is decided by the load after them."""
+    assert flight.at_knots is not None
+    assert flight.at_goal is not None
     end, jumps = machine.past_knots(flight.end, flight.at_knots)
     after, instant = call(law.resolve, machine, end, flight.is_event, jumps)
     return after, eqx.tree_at(lambda i: i.arrived, instant, flight.at_goal & ~instant.happened)
