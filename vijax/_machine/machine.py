@@ -1,7 +1,7 @@
 """Machine as arrays, as the engine computes with it."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,9 +14,7 @@ from .._jax.arrays import (
     Reals,
     Scalar,
     clip_to_zero,
-    matrix_product,
     matvec,
-    over_lanes,
     with_derivative_of,
 )
 from .._system.waves import Waves, phase_at, phase_rate, turned
@@ -24,6 +22,7 @@ from .contacts import Contacts, Held
 from .extra_force import ExtraForce
 from .frame import Frame
 from .numbers import MachineNumbers
+from .rate_bounds import of_unit_mass, rate_of_motion, rate_with_closed
 from .state import State, idle_mode
 from .stops import Stops
 from .switching import COMPLIANT, SwitchingContacts
@@ -364,7 +363,7 @@ def prepare(
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
     waves, frequency, frame, walls = numbers.waves, numbers.frequency, None, None
     has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
-    unit = _of_unit_mass(numbers) if has_full_mass else None
+    unit = of_unit_mass(numbers) if has_full_mass else None
     inverse_mass = 1 / numbers.mass if unit is None else unit.inverse_mass
     if numbers.signs is not None:
         walls = numbers.travel
@@ -374,7 +373,7 @@ def prepare(
     is_driven = frequency > 0
     longest = jnp.asarray(jnp.finfo(numbers.mass.dtype).max ** 0.5, numbers.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, frequency, 1.0), longest)
-    rate = jnp.maximum(_decay_and_frequency(numbers, unit), numbers.highest * frequency)
+    rate = jnp.maximum(rate_of_motion(numbers, unit), numbers.highest * frequency)
     extra = None
     if numbers.force is not None:
         extra = ExtraForce(numbers.force, start[0], frame)
@@ -395,7 +394,7 @@ def prepare(
         can_stick=can_stick,
         extra=extra,
         frame=frame,
-        closed_rate=_closed_rate(numbers, contacts, rate) if is_switching else None,
+        closed_rate=rate_with_closed(numbers, contacts, rate) if is_switching else None,
         num_states=numbers.num_states,
         tables=_tables(numbers, start[0], frequency),
     )
@@ -422,44 +421,6 @@ def _contacts(numbers: MachineNumbers, rows: Reals, inverse_mass: Array, walls: 
     return Contacts(*own) if numbers.laws is None else SwitchingContacts(*own, numbers.laws)
 
 
-def _closed_rate(numbers: MachineNumbers, contacts: SwitchingContacts, rate: Scalar) -> Scalar:
-    """Bound on the rate with any compliant contacts closed."""
-    stiffness, damping = contacts.matrices_of(jnp.ones_like(contacts.limit, bool))
-    names = lambda a: (a.stiffness, a.damping)  # noqa: E731
-    closed = eqx.tree_at(names, numbers, (numbers.stiffness + stiffness, numbers.damping + damping))
-    has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
-    pairs = [_unit_matrices(one, _of_unit_mass(one) if has_full_mass else None) for one in (numbers, closed)]
-    w2, d = (_bound_between(*pair) for pair in zip(*pairs, strict=True))
-    return jnp.maximum(rate, _rate_of(w2, d))
-
-
-def _bound_between(a: Float[Array, "n n ..."], b: Float[Array, "n n ..."]) -> Scalar:
-    """Bound the norm of a + c for every c with 0 <= c <= b - a, symmetric.
-
-    Eigenvalues of the symmetric part lie between those of a and b, the skew part is that of a.
-    """
-    halves = [(m + jnp.swapaxes(m, 0, 1)) / 2 for m in (a, b)]
-    return jnp.maximum(*map(_norm, halves)) + _norm(a - halves[0])
-
-
-class _UnitMass(NamedTuple):
-    """M^-1, and damping and stiffness in the coordinates y = L^T x, M = L L^T, of unit masses."""
-
-    inverse_mass: Float[Array, "n n ..."]
-    damping: Float[Array, "n n ..."]
-    stiffness: Float[Array, "n n ..."]
-
-
-def _of_unit_mass(numbers: MachineNumbers) -> _UnitMass:
-    def of_one(mass: Array, *others: Array) -> _UnitMass:
-        back = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(mass), jnp.eye(len(mass)), lower=True)
-        return _UnitMass(back.T @ back, *(back @ other @ back.T for other in others))
-
-    matrices = numbers.mass, numbers.damping, numbers.stiffness
-    like = numbers.mass[0] + numbers.damping[0] + numbers.stiffness[0]
-    return over_lanes(of_one, like, *matrices)
-
-
 # Value of `max_steps` that stands for `default_max_steps`, a bound by the rate of the machine.
 AUTOMATIC_MAX_STEPS = -1
 
@@ -470,36 +431,3 @@ def default_max_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_
     # A machine whose rate is not finite ends at its first step, and the bound must allow that step.
     total = least + jnp.where(jnp.isfinite(steps), steps, 0)
     return jnp.minimum(total, 2e9).astype(int)  # fits 32 bits
-
-
-def _decay_and_frequency(numbers: MachineNumbers, unit: _UnitMass | None) -> Scalar:
-    """Bound the norm of the first-order matrix of the machine, see `_rate_of`; holding masses can only reduce it."""
-    w2, d = map(_norm, _unit_matrices(numbers, unit))
-    return _rate_of(w2, d)
-
-
-def _unit_matrices(numbers: MachineNumbers, unit: _UnitMass | None) -> tuple[Array, Array]:
-    """Stiffness and damping in coordinates of unit masses."""
-    if unit is not None:
-        return unit.stiffness, unit.damping
-    root = jnp.sqrt(numbers.mass)
-    scale = root[:, None] * root[None]
-    return numbers.stiffness / scale, numbers.damping / scale
-
-
-def _rate_of(w2: Scalar, d: Scalar) -> Scalar:
-    """Bound the norm of the first-order matrix from the norms w^2 and d of K and C, for unit masses.
-
-    For (w x, x') the matrix is [[0, w], [-K / w, -C]]. The norms of its blocks are at most w, w and d, so its norm is at
-    most that of [[0, w], [w, d]], (d + sqrt(d^2 + 4 w^2)) / 2. No symmetry is needed.
-    """
-    return (d + jnp.sqrt(d * d + 4 * w2)) / 2
-
-
-def _norm(matrix: Float[Array, "n n ..."]) -> Scalar:
-    """Bound the largest singular value of a matrix A: the Frobenius norm of (A^T A)^2, to the 1/4."""
-    largest = jnp.max(jnp.abs(matrix), axis=(0, 1))
-    unit = matrix / jnp.where(largest > 0, largest, 1.0)
-    unit = matrix_product(jnp.swapaxes(unit, 0, 1), unit)
-    unit = matrix_product(unit, unit)
-    return largest * jnp.sum(unit * unit, axis=(0, 1)) ** 0.125
