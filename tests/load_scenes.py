@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from switching_scenes import SwitchingScene
@@ -38,7 +39,7 @@ def scene_of_loads(name: str, *, as_contacts: bool = False) -> LoadScene:
     """A scene from its file; stops as contacts, if wanted."""
     data = json.loads((_DATA / f"{name}.json").read_text())
     stops = [_stop(one, as_contacts=as_contacts) for one in data["contacts"]]
-    load = sum(_load(one) for one in data["loads"])
+    load: Any = sum(_load(one) for one in data["loads"])
     system = vx.ImpactSystem(np.diag(data["M"]), data["C"], data["K"], load, stops)
     return LoadScene(name, data, system)
 
@@ -51,7 +52,7 @@ def _stop(one: dict, *, as_contacts: bool) -> vx.Stop | vx.Contact:
     return vx.Stop(mass, sign * one["position"], "upper" if sign > 0 else "lower", one["restitution"])
 
 
-def _load(one: dict) -> vx.Harmonic | vx.Tabulated | vx.Waveform:
+def _load(one: dict) -> Any:
     numbers = {name: a for name, a in one.items() if name != "load"}
     if one["load"] == "base":
         return vx.base_excitation(numbers["mass"], acceleration=_load(numbers["acceleration"]))

@@ -1,5 +1,6 @@
 """Responses of modes to polynomial loads from rest, against matrix exponentials at high precision."""
 
+import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ def test_a_step_is_exact_relative_to_itself(w2: float, damping: float, share: fl
     w = np.sqrt(w2)
     a = damping * w
     step = share * LONGEST_STEP_AND_TERMS["float64"][0] / (a + np.sqrt(a * a + w2))
-    found = from_rest(np.array([w2]), np.array([a]), np.asarray(step), orders).responses
+    found = from_rest(jnp.array([w2]), jnp.array([a]), jnp.asarray(step), orders).responses
     expected = exact(w2, a, step)[: orders + 2]
     # The first, a slope, may pass through zero.
     np.testing.assert_allclose(found[0], expected[0], rtol=0, atol=ROUNDING)
@@ -40,7 +41,7 @@ def test_a_step_is_exact_relative_to_itself(w2: float, damping: float, share: fl
 @pytest.mark.parametrize("damping", [0.0, 0.05, 1.0, 3.0])
 @pytest.mark.parametrize("time", [1e-6, 0.3, 1.1, 7.0, 300.0, -0.2, -2.0])
 def test_any_time_is_exact_relative_to_the_largest_response(damping: float, time: float):
-    w2, a, t = np.array([1.0]), np.array([damping]), np.asarray(time)
+    w2, a, t = jnp.array([1.0]), jnp.array([damping]), jnp.asarray(time)
     found = from_rest_at_any_time(w2, a, t, 4, increments_at_any_time(w2, a, t)).responses
     expected = exact(1.0, damping, time)
     growth = np.exp(max(0.0, -time) * 2 * (damping + 1))

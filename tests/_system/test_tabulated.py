@@ -8,6 +8,7 @@ from outputs import show
 from scipy.interpolate import CubicSpline
 
 import vijax as vx
+from vijax._system.load import LoadSum
 
 # A few roundings of values of size one, and of derivatives relative to their size.
 ROUNDING = 1e-13
@@ -65,7 +66,9 @@ def test_a_sum_of_harmonics_is_one_load_with_all_of_them():
 
 
 def test_python_adds_lists_of_loads():
-    assert len(sum([TABLE, TABLE, SQUARE])) == 3
+    total = sum([TABLE, TABLE, SQUARE])
+    assert isinstance(total, LoadSum)
+    assert len(total) == 3
 
 
 def test_paths_name_the_numbers_of_each_load():
@@ -117,6 +120,7 @@ def test_texts_name_loads_and_their_sizes():
 def test_a_base_may_move_by_a_record():
     record = vx.Tabulated([0.0, 1.0, 2.0], [0.0, 3.0, 0.0])
     load = vx.base_excitation([1.0, 2.0], acceleration=record, mean=[0.1, 0.2])
+    assert isinstance(load, LoadSum)
     np.testing.assert_array_equal(load[0].values, [[-0.0, -0.0], [-3.0, -6.0], [-0.0, -0.0]])
     np.testing.assert_array_equal(load[1].mean, [0.1, 0.2])
 

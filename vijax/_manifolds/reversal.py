@@ -68,7 +68,7 @@ def reversed_machine(system: ImpactSystem) -> ImpactSystem:
     moving = [j for j, stop in enumerate(system.stops) if stop.motion is not None]
 
     def places(s: ImpactSystem) -> list[Any]:
-        signed = [s.damping, s.forcing.phase]  # pyright: ignore
+        signed = [s.damping, s.forcing.phase]
         signed += [s.stops[j].damping for j in cushions] + [s.stops[j].motion.phase for j in moving]  # pyright: ignore
         return signed + [s.stops[j].restitution for j in stops]  # pyright: ignore
 

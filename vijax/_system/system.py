@@ -73,7 +73,7 @@ class ImpactSystem(eqx.Module):
     mass: Float[Array, "..."]
     damping: Float[Array, "n n"]
     stiffness: Float[Array, "n n"]
-    forcing: AbstractLoad
+    forcing: Any  # an `AbstractLoad`, of which type checkers do not see the kind
     stops: tuple[AnyStop, ...]
     force: Callable | None
     friction: tuple[Friction, ...]
