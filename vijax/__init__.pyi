@@ -77,6 +77,7 @@ from ._system.restitution import (
 from ._system.states import with_states as with_states
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
+from ._system.tabulated import Tabulated as Tabulated, Waveform as Waveform
 from ._tori.torus import follow_torus as follow_torus
 from ._trajectory.event_log import EventLog as EventLog
 from ._trajectory.simulate import simulate as simulate

@@ -22,6 +22,9 @@ _MEANINGS = {
     "forcing.frequency": "angular frequency of the load",
     "forcing.phase": "phase of the load",
     "forcing.mean": "mean of the load",
+    "forcing.values": "values of the load at its knots",
+    "forcing.times": "times of the knots of the load",
+    "forcing.phases": "phases of the knots of the load",
     "stops.position": "position of the stop",
     "stops.restitution": "coefficient of restitution",
     "stops.stiffness": "stiffness of the stop",
@@ -139,6 +142,7 @@ _DIMENSIONS = (
 _UNITS = {
     "impact_phase": "rad",
     "forcing.phase": "rad",
+    "forcing.phases": "rad",
     "stops.motion.phase": "rad",
     "stops.restitution": "1",
 }

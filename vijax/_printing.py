@@ -77,6 +77,60 @@ def describe_harmonic(harmonic: Any) -> Description:
     return Description(f"Harmonic with {_count(kind, 'harmonic')}{_beside(harmonic.amplitude, batch)}", rows)
 
 
+def describe_tabulated(load: Any) -> Description:
+    """Describe a load by a table in time."""
+    knots = concrete(load.times)
+    span = _shape(load.times) if knots is None else f"{knots.min():.6g} to {knots.max():.6g}"
+    return Description(f"Tabulated load, {_table(load.times, load)}", [("times", span), _largest(load)])
+
+
+def describe_waveform(load: Any) -> Description:
+    """Describe a wave form; one in a sum may have no frequency of its own."""
+    rows = [_largest(load)]
+    if load.frequency is not None:
+        rows.append(("frequency", _numbers(load.frequency, 0)))
+    return Description(f"Waveform, {_table(load.phases, load)}", rows)
+
+
+def describe_loads(loads: Any) -> Description:
+    """Describe a sum of loads, one on each line."""
+    rows = [(f"load {k}", _load(load)) for k, load in enumerate(loads.loads)]
+    if loads.common is not None:
+        rows.append(("frequency", _numbers(loads.common, 0)))
+    return Description(f"Sum of {_count(len(loads.loads), 'load')}", rows)
+
+
+def _load(load: Any) -> str:
+    """A load on one line."""
+    tell = describe_harmonic
+    if hasattr(load, "times"):
+        tell = describe_tabulated
+    elif hasattr(load, "phases"):
+        tell = describe_waveform
+    title, rows = tell(load)
+    return f"{title}: {_line(rows)}"
+
+
+def _table(knots: Any, load: Any) -> str:
+    return f"{load.kind}, {_count(len(knots), 'knot')}{_beside(load.values, knots.shape[1:])}"
+
+
+def _largest(load: Any) -> tuple[str, str]:
+    values = concrete(load.values)
+    return ("largest", _shape(load.values) if values is None else _numbers(abs(values).max(axis=0), 1))
+
+
+def _load_rows(forcing: Any) -> list[tuple[str, ...]]:
+    """Rows of a machine about its load."""
+    if hasattr(forcing, "amplitude"):
+        load = describe_harmonic(forcing).rows
+        return [("load", _line(load[:2])), *([("", _line(load[2:]))] if load[2:] else [])]
+    lines = [_load(load) for load in forcing.loads]
+    if len(lines) > 1 and forcing.common is not None:
+        lines.append(f"frequency {_numbers(forcing.common, 0)}")
+    return [("" if k else "load", line) for k, line in enumerate(lines)]
+
+
 def describe_stop(stop: Any) -> Description:
     """Describe a stop on one line."""
     batch = _batch((stop.position, 0), (stop.light_restitution, 0))
@@ -112,13 +166,11 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
     masses = _count(system.stiffness.shape[-1] - system.num_states, "mass", "masses")
     if system.num_states:
         masses = f"{masses}, {_count(system.num_states, 'first-order state')}"
-    load = describe_harmonic(forcing).rows
     rows = [
         ("mass", _numbers(system.mass, 2 if system.has_full_mass else 1)),
         ("damping", _numbers(system.damping, 2)),
         ("stiffness", _numbers(system.stiffness, 2)),
-        ("load", _line(load[:2])),
-        *([("", _line(load[2:]))] if load[2:] else []),
+        *_load_rows(forcing),
     ]
     for j, stop in enumerate(stops[:_STOPS]):
         name, whose = ("stop", f"mass {stop.mass}, ") if stop.slot else ("contact", "")

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 import vijax as vx
 from vijax._flow.choose import choose_flow
-from vijax._machine.machine import _bound_between, _norm
 from vijax._machine.numbers import numbers_of
+from vijax._machine.rate_bounds import _bound_between, _norm
 from vijax._orbits.rigid_modes import free_shifts
 from vijax._sections.non_impacting_proof import never_hits
 from vijax._sections.section_side import machines_of_lanes

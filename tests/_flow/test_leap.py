@@ -10,7 +10,7 @@ import pytest
 from mpmath import mp, mpf
 
 import vijax as vx
-from vijax._flow.modal import _increments
+from vijax._flow.mode_series import increments_at_any_time
 
 EPS = 2.3e-16
 # Damping ratios: none, light, nearly critical from both sides, critical, heavy.
@@ -33,7 +33,7 @@ def exact(w: float, a: float, t: float) -> list[mpf]:
 def test_a_mode_is_known_at_any_time_to_rounding(ratio):
     points = list(itertools.product(FREQUENCIES, TIMES))
     w, t = (jnp.asarray(column) for column in zip(*points, strict=True))
-    found = np.array(_increments(w * w, ratio * w, t))
+    found = np.array(increments_at_any_time(w * w, ratio * w, t))
     for k, (w_k, t_k) in enumerate(points):
         with mp.workdps(60):
             expected = exact(w_k, float(np.float64(ratio) * w_k), t_k)
@@ -48,7 +48,7 @@ def test_a_mode_is_known_at_any_time_to_rounding(ratio):
 
 @jax.jit
 def total(w2, a, t) -> jax.Array:
-    return sum(_increments(w2, a, t))
+    return sum(increments_at_any_time(w2, a, t))
 
 
 slopes = jax.jit(jax.grad(total, (0, 1, 2)))

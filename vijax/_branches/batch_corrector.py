@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from .._flow.modal import ModalFlow
 from .._lanes.kernels import kernel_of, pruned
+from .._machine.tables import is_by_tables
 from .._orbits.condensation import Pencil, basis_of_kernel
 from .._orbits.cycle import Event, Moment, Problem, fly_to_event, initial_moment, moved_by
 from .._orbits.floquet import floquet_multipliers
@@ -88,7 +89,8 @@ _MOST_MASSES = 3
 
 def can_correct_many(families: Family) -> bool:
     """True if `correct_many` may be taken for families, along the first axis: by their flow and number of masses."""
-    return isinstance(families.flow, ModalFlow) and families.scale.shape[-1] <= 2 * _MOST_MASSES
+    is_modal = isinstance(families.flow, ModalFlow) and not is_by_tables(families.system)
+    return is_modal and families.scale.shape[-1] <= 2 * _MOST_MASSES
 
 
 def correct_many(

@@ -244,6 +244,8 @@ _SMALL = 0.1
 def _lengths_of(numbers: MachineNumbers) -> tuple[Reals, Reals]:
     """Position of the farthest stop, and the length by which the load moves free masses; lanes last."""
     load = np.abs(numbers.mean) + np.hypot(numbers.waves.cosine, numbers.waves.sine).sum(axis=0)
+    for table in numbers.tables or ():
+        load = load + np.abs(table.rows[:, 0]).max(axis=0)
     mass, stiffness = np.asarray(numbers.mass), np.asarray(numbers.stiffness)
     if mass.ndim == stiffness.ndim:
         mass = np.einsum("ii...->i...", mass)

@@ -119,7 +119,7 @@ class LaneTask(eqx.Module):
 
     flow: AbstractFlow
     machine: Machine
-    phase0: Float[Array, "2 harmonics 1"]
+    phase0: Float[Array, "2 harmonics ..."]
     work: Work
     point: Int[Array, " lanes"]
     enough: Int[Array, ""]

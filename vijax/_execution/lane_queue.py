@@ -138,7 +138,7 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
     points: Points = unpack(program.layout, program.layout.empty(width))
     num_stops, has_tangents = points.numbers.num_stops, program.has_tangents
     (stops, n), dtype = points.numbers.rows.shape[:2], points.x0.dtype
-    harmonics = points.numbers.waves.num_harmonics
+    columns, knots = points.numbers.num_columns, points.numbers.knots_layout
 
     def nothing(size: int) -> EndStates:
         real, whole = jnp.zeros(size, dtype), jnp.zeros(size, int)
@@ -147,7 +147,7 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
             periods=whole,
             time=real,
             time_low=real,
-            phase=jnp.zeros((2, harmonics, size), dtype),
+            phase=jnp.zeros((2, columns, size), dtype),
             x=jnp.zeros((n, size), dtype),
             v=jnp.zeros((n, size), dtype),
             gap=of_stops,
@@ -155,6 +155,7 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
             contact=of_stops.astype(jnp.int8),
             memory=points.flow.memory(real),
             mode=None if points.numbers.laws is None else idle_mode(of_stops),
+            knots=None if knots is None else knots.blank(real),
         )
         counts = of_stops.astype(int), of_stops.astype(int)
         observed = nothing_observed(program.observed, state, num_stops)
@@ -252,7 +253,7 @@ def _task(
     return LaneTask(
         flow=points.flow.prepare(machine),
         machine=machine,
-        phase0=jnp.stack([zeros + 1, zeros]),
+        phase0=machine.with_tables(jnp.stack([zeros + 1, zeros])),
         work=_bounded(work, machine, num_lanes),
         point=queue.point,
         enough=enough,

@@ -36,7 +36,7 @@ from .event_margins import (
 )
 from .exact_step import simultaneity_tolerance, state_after_step
 from .interface import AbstractFlow, Flight
-from .modal import LONGEST_STEP_AND_TERMS
+from .mode_series import LONGEST_STEP_AND_TERMS
 from .switching_margins import guard_margins_at, guards_crossed_in_step
 
 # Fraction of the accurate step length below which a step is taken whatever its polynomial shows.

@@ -18,7 +18,7 @@ from .._machine.machine import Machine
 from .._machine.state import KEPT_CLOSED, State
 from .._system.waves import speeds, turned
 from .bernstein import bernstein, derivative_coefficients, divided, first_crossing, nodes
-from .modal import LONGEST_STEP_AND_TERMS, cosine_and_sine
+from .mode_series import LONGEST_STEP_AND_TERMS, cosine_and_sine
 
 
 class StepInterior(eqx.Module):
@@ -250,6 +250,10 @@ def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time:
 
     By power series: library sines and cosines in every stage of a solver cost a third of the step.
     """
-    angle = speeds(phase, machine.frequency) * time
-    wave, arc = cosine_and_sine(angle * angle, LONGEST_STEP_AND_TERMS[str(angle.dtype)][1])
-    return turned(phase, (wave, angle * arc))
+
+    def of_harmonics(phase: Array) -> Array:
+        angle = speeds(phase, machine.frequency) * time
+        wave, arc = cosine_and_sine(angle * angle, LONGEST_STEP_AND_TERMS[str(angle.dtype)][1])
+        return turned(phase, (wave, angle * arc))
+
+    return machine.with_harmonics(phase, time, of_harmonics)

@@ -94,12 +94,12 @@ def _doubled(f: Float[Array, "y y ..."], is_on: Bool[Array, "..."]) -> Float[Arr
 
 def _matrix(machine: Machine, hold: Held) -> Float[Array, "y y ..."]:
     """Matrix A: its columns are the rates of change of unit vectors."""
-    n, num_harmonics = machine.num_masses, machine.waves.num_harmonics
-    size = 2 * n + 2 * num_harmonics + 1
+    n, columns = machine.num_masses, machine.num_columns
+    size = 2 * n + 2 * columns + 1
 
     def rate(y: Float[Array, "y ..."]) -> Float[Array, "y ..."]:
-        x, v, phase = y[:n], y[n : 2 * n], y[2 * n : -1].reshape(2, num_harmonics, *y.shape[1:])
-        load = machine.mean * y[-1:] + machine.waves.at(phase)
+        x, v, phase = y[:n], y[n : 2 * n], y[2 * n : -1].reshape(2, columns, *y.shape[1:])
+        load = machine.mean * y[-1:] + machine.varying_load(phase)
         force = load - matvec(machine.damping, v) - matvec(machine.stiffness, x)
         a = machine.contacts.accelerations(force, hold, phase)
         turned = machine.phase_rate(phase)

@@ -55,12 +55,16 @@ class Flight(eqx.Module):
         duration: its duration.
         is_event: flags of the stops with an event at the end, (stops,).
         is_last: True where it ended at the target time, or would have without an event.
+        at_knots: flags of the loads by tables that have a knot at its end, (streams,); None if there are none.
+        at_goal: `is_last` for the goal of the loop, where a knot may have come first; None likewise.
     """
 
     end: State
     duration: Scalar
     is_event: Bool[Array, "stops ..."]
     is_last: Flag
+    at_knots: Bool[Array, "streams ..."] | None = None
+    at_goal: Flag | None = None
 
 
 class AbstractFlow(eqx.Module):

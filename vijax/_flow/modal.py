@@ -16,7 +16,6 @@ load: it displaces the mean of the steady response and leaves the modes.
 
 import operator
 from functools import reduce
-from math import factorial
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -33,9 +32,19 @@ from .._machine.state import State
 from .._system.waves import Waves, speeds, turned
 from .exact_step import ExpandingFlow
 from .interface import Expansion
-
-# Longest step, times the rate of the motion, and number of terms of the power series.
-LONGEST_STEP_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
+from .mode_series import (
+    LONGEST_STEP_AND_TERMS,
+    cosine_and_sine,
+    factors,
+    faded,
+    increments_at_any_time,
+)
+from .polynomial_response import (
+    LONGEST_STEP_AND_TERMS as LONGEST_UNDER_TABLES,
+    bounds_of_load,
+    from_rest,
+    from_rest_at_any_time,
+)
 
 
 class Modes(eqx.Module):
@@ -116,7 +125,8 @@ class ModalFlow(ExpandingFlow):
             return response, _rests(own, modes, response), own.rate
 
         response, rests, rates = jax.vmap(of_set)(self.modes, self.closed)
-        trust, _ = LONGEST_STEP_AND_TERMS[str(machine.mean.dtype)]
+        longest = LONGEST_STEP_AND_TERMS if machine.tables is None else LONGEST_UNDER_TABLES
+        trust, _ = longest[str(machine.mean.dtype)]
         # Overdamped modes are differences of growing terms and take half the step.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
         least = 2 * jnp.sqrt(jnp.maximum(excess, 0))
@@ -202,7 +212,14 @@ class PreparedModalFlow(ExpandingFlow):
         q, q_rate = self._coordinates(machine, state, modes, response)
         now = derivatives(machine, state, hold)
         return ModalExpansion(
-            modes=modes, response=response, rests=rests, q=q, q_rate=q_rate, now=now, limit=limit
+            modes=modes,
+            response=response,
+            rests=rests,
+            q=q,
+            q_rate=q_rate,
+            now=now,
+            limit=limit,
+            push=_push(machine, modes, state.phase),
         )
 
     def propagate(
@@ -215,8 +232,10 @@ class PreparedModalFlow(ExpandingFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Array, Array, Array]:
         modes, response = self._of_set(machine, state, hold, (self.modes, self.response))
-        free = self._coordinates(machine, state, modes, response)
-        return _moved(machine, modes, response, free, state, step)
+        free, push = self._coordinates(machine, state, modes, response), _push(machine, modes, state.phase)
+        if push is None:
+            return _moved(machine, modes, response, free, state, step)
+        return _moved_under_tables(machine, modes, response, free, push, state, step)
 
     def flow_map(
         self,
@@ -228,9 +247,12 @@ class PreparedModalFlow(ExpandingFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Evaluate the modes at any time."""
         modes, response = self._of_set(machine, state, hold, (self.modes, self.response), skips=False)
-        free = self._coordinates(machine, state, modes, response)
-        increments = _increments(modes.squared_frequency, modes.decay, span)
-        return _gone(machine, modes, response, free, increments, change)
+        free, push = self._coordinates(machine, state, modes, response), _push(machine, modes, state.phase)
+        w2, a, forced = modes.squared_frequency, modes.decay, None
+        increments = increments_at_any_time(w2, a, span)
+        if push is not None:
+            forced = from_rest_at_any_time(w2, a, span, len(push), increments).forced(push)
+        return _gone(machine, modes, response, free, increments, change, forced)
 
     def _coordinates(
         self, machine: Machine, state: State, modes: Modes, response: SteadyResponse
@@ -291,12 +313,27 @@ class ModalExpansion(Expansion):
     q_rate: Float[Array, "modes ..."]
     now: Derivatives
     limit: Scalar
+    push: list[Float[Array, "modes ..."]] | None = None
 
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Bound |x''''| / 24 and |force'''| / 6 for all later times."""
-        del machine, limit
+        """Bound |x''''| / 24 and |force'''| / 6 for all later times, or up to `limit` under loads by tables."""
         root, rests = self._roots_of_energies(), self.rests
-        return matvec(rests.x, root) + rests.x_load, matvec(rests.force, root) + rests.force_load
+        if self.push is None:
+            return matvec(rests.x, root) + rests.x_load, matvec(rests.force, root) + rests.force_load
+        w2, a, shape = self.modes.squared_frequency, self.modes.decay, jnp.abs(self.modes.shape)
+        load, rate, *later = bounds_of_load(self.push, limit)
+        # The root of the energy grows by the impulse of the load at most.
+        root = root + load * limit
+        by_load = jnp.abs(4 * a * a - w2) * load + 2 * a * rate
+        x4 = matvec(shape, by_load + later[0] if later else by_load) * (1 / 24)
+        x3 = matvec(shape, 2 * a * load + rate) * (1 / 6)
+        force = 4 * matvec(jnp.abs(machine.damping), x4) + matvec(jnp.abs(machine.stiffness), x3)
+        if machine.tables is not None:
+            force = force + machine.tables.bound(3) * (1 / 6)
+        return (
+            matvec(rests.x, root) + rests.x_load + x4,
+            matvec(rests.force, root) + rests.force_load + force,
+        )
 
     def velocity_rest(self, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
         """Bound |v^(4)| / 24 for all later times."""
@@ -312,7 +349,10 @@ class ModalExpansion(Expansion):
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Advance every mode and the forcing phase."""
-        return _moved(machine, self.modes, self.response, (self.q, self.q_rate), state, step)
+        free = self.q, self.q_rate
+        if self.push is None:
+            return _moved(machine, self.modes, self.response, free, state, step)
+        return _moved_under_tables(machine, self.modes, self.response, free, self.push, state, step)
 
 
 def _moved(
@@ -325,10 +365,43 @@ def _moved(
 ) -> tuple[Array, Array, Array]:
     """Displacement, velocity and change of the phase after a step, from the free motion (q, q')."""
     speed = speeds(state.phase, machine.frequency)
-    fade, wave, arc, turn, slide = compute_once(_factors, modes.squared_frequency, modes.decay, speed, step)
-    increments = _faded(modes.decay, fade, wave, arc)
+    fade, wave, arc, turn, slide = compute_once(factors, modes.squared_frequency, modes.decay, speed, step)
+    increments = faded(modes.decay, fade, wave, arc)
     change = turned(state.phase, (turn, slide))
     displacement, gain = _gone(machine, modes, response, free, increments, change)
+    return displacement, state.v + gain, change
+
+
+def _push(machine: Machine, modes: Modes, phase: Array) -> list[Array] | None:
+    """Loads by tables on every mode, and their derivatives; None if there are none."""
+    if machine.tables is None:
+        return None
+    transposed = jnp.swapaxes(modes.shape, 0, 1)
+    return [matvec(transposed, p) for p in machine.derivatives_of_tables(phase)]
+
+
+def _moved_under_tables(
+    machine: Machine,
+    modes: Modes,
+    response: SteadyResponse,
+    free: tuple[Array, Array],
+    push: list[Array],
+    state: State,
+    step: Scalar,
+) -> tuple[Array, Array, Array]:
+    """`_moved` under loads by tables; the free motion comes with the response to them."""
+    w2, a = modes.squared_frequency, modes.decay
+    moved = from_rest(w2, a, step, len(push))
+
+    def of_harmonics(phase: Array) -> Array:
+        speed = speeds(phase, machine.frequency)
+        terms = LONGEST_STEP_AND_TERMS[str(step.dtype)][1]
+        turn, slide = compute_once(cosine_and_sine, speed * speed * step * step, terms)
+        return turned(phase, (turn, slide * speed * step))
+
+    change = machine.with_harmonics(state.phase, step, of_harmonics)
+    increments, forced = moved.free(w2, a), moved.forced(push)
+    displacement, gain = _gone(machine, modes, response, free, increments, change, forced)
     return displacement, state.v + gain, change
 
 
@@ -339,77 +412,13 @@ def _gone(
     free: tuple[Array, Array],
     increments: tuple[Array, Array, Array],
     change: Array,
+    forced: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Displacement and gain of velocity from the increments of the free motion (q, q') and the change of the phase."""
     (q, q_rate), (grow, reach, slow) = free, increments
     dq = grow * q + reach * q_rate
     dq_rate = slow * q_rate - reach * modes.squared_frequency * q
+    if forced is not None:
+        dq, dq_rate = dq + forced[0], dq_rate + forced[1]
     displacement = matvec(modes.shape, dq) + response.waves.at(change)
     return displacement, matvec(modes.shape, dq_rate) + response.waves.at(machine.phase_rate(change))
-
-
-def _faded(a: Array, fade: Array, wave: Array, arc: Array) -> tuple[Array, Array, Array]:
-    """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 from exp(-a t) - 1, c - 1 and s."""
-    return fade + (1 + fade) * (wave + a * arc), (1 + fade) * arc, fade + (1 + fade) * (wave - a * arc)
-
-
-def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
-    """Factors exp(-a t) - 1, c - 1 and s of every mode; cos - 1 and sin of every harmonic."""
-    terms = LONGEST_STEP_AND_TERMS[str(step.dtype)][1]
-    wave, arc = cosine_and_sine((w2 - a * a) * step * step, terms)
-    turn, slide = cosine_and_sine(speed * speed * step * step, terms)
-    fade = _expm1(-a * step, terms)
-    return fade, wave, arc * step, turn, slide * speed * step
-
-
-def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]:
-    """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 at any time, short or long.
-
-    Three formulas: for w^2 - a^2 far above zero; far below, where the faster of two exponentials is small;
-    and close to zero, where the other two would divide by a small difference.
-    """
-    b = w2 - a * a
-    y2 = b * time * time
-    terms = LONGEST_STEP_AND_TERMS[str(time.dtype)][1]
-    is_slow, is_wave = jnp.abs(y2) < 1, b > 0
-    near, near_arc = cosine_and_sine(jnp.where(is_slow, y2, 0), terms)
-    root = jnp.sqrt(jnp.where(is_slow, 1, jnp.abs(b)))
-    angle = root * time
-    wave = jnp.where(is_slow, near, -2 * jnp.sin(angle / 2) ** 2)
-    arc = jnp.where(is_slow, near_arc * time, jnp.sin(angle) / root)
-    grow, reach, slow = _faded(a, jnp.expm1(-a * time), wave, arc)
-    # Decay rates a - root and a + root; the first as w^2 / (a + root), without cancellation.
-    slower, faster = jnp.exp(-w2 / (a + root) * time), jnp.exp(-(a + root) * time)
-    is_over, skew = ~is_wave & ~is_slow, a / root
-    grow = jnp.where(is_over, ((1 + skew) * slower + (1 - skew) * faster) / 2 - 1, grow)
-    reach = jnp.where(is_over, (slower - faster) / (2 * root), reach)
-    slow = jnp.where(is_over, ((1 - skew) * slower + (1 + skew) * faster) / 2 - 1, slow)
-    return grow, reach, slow
-
-
-def cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
-    """Series of cos(y) - 1 and sin(y) / y in z = y^2, which may be negative: summed at y / 2 and doubled once."""
-    wave, arc = compute_once(_series_of_cosine_and_sine, z / 4, terms)
-    return 2 * wave * (2 + wave), arc * (1 + wave)
-
-
-def _series_of_cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
-    cosine = [(-1) ** k / factorial(2 * k) for k in range(1, terms)]
-    sine = [(-1) ** k / factorial(2 * k + 1) for k in range(terms)]
-    return z * _polynomial(cosine, z), _polynomial(sine, z)
-
-
-def _expm1(y: Array, terms: int) -> Array:
-    """exp(y) - 1 for |y| up to the bound of `LONGEST_STEP_AND_TERMS`: series at y / 8, doubled three times."""
-    part = y / 8
-    value = part * _polynomial([1 / factorial(k) for k in range(1, terms + 3)], part)
-    for _ in range(3):
-        value = value * (2 + value)
-    return value
-
-
-def _polynomial(coefficients: list[float], z: Array) -> Array:
-    total = jnp.full_like(z, coefficients[-1])
-    for c in coefficients[-2::-1]:
-        total = total * z + c
-    return total

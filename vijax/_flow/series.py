@@ -64,7 +64,7 @@ def next_coefficients(machine: Machine, hold: Held) -> Callable:
 
     Short vectors are lists of their rows: each row is then one pass over the lanes, whichever axis `vmap` gives them.
     """
-    n, mean = machine.num_masses, _rows(machine.mean)
+    n, mean, tables = machine.num_masses, _rows(machine.mean), machine.tables
     num_harmonics = machine.waves.num_harmonics
     waves = [_rows(row) for load in (machine.waves.cosine, machine.waves.sine) for row in load]
     speeds = [machine.frequency * (h + 1) for h in range(machine.waves.num_harmonics)]
@@ -76,20 +76,41 @@ def next_coefficients(machine: Machine, hold: Held) -> Callable:
 
     def extend(last, order):
         (x, x_next, phase), (k, by_next, by_next_two) = last, order
+        columns = None
+        if tables is not None:
+            phase, columns = _parted(phase, num_harmonics)
         spring, drag = product(machine.stiffness, x), product(machine.damping, x_next)
         force = []
         for i in range(len(x)):
             load = add_up([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
             force.append(load + jnp.where(k == 0, mean[i], 0) - (k + 1) * drag[i] - spring[i])
+        if tables is not None and columns is not None:
+            force = [a + b for a, b in zip(force, _rows(tables.load(columns)), strict=True)]
         of_phase = jnp.stack(phase).reshape(2, num_harmonics, *phase[0].shape)
         x_new = machine.contacts.accelerations(vector(force, n), hold, of_phase)
         x_new = [by_next_two * a for a in _rows(x_new)]
         cos, sin = phase[: len(speeds)], phase[len(speeds) :]
         phase_new = [-w * s * by_next for w, s in zip(speeds, sin, strict=True)]
         phase_new += [w * c * by_next for w, c in zip(speeds, cos, strict=True)]
+        if tables is not None and columns is not None:
+            phase_new = _joined(phase_new, by_next * tables.rate(columns))
         return (x_next, x_new, phase_new), (x_new, force, phase_new)
 
     return extend
+
+
+def _parted(phase: list[Array], num_harmonics: int) -> tuple[list[Array], Float[Array, "2 columns ..."]]:
+    """Rows of a phase of harmonics, and columns of loads by tables."""
+    half = len(phase) // 2
+    parts = phase[:half], phase[half:]
+    harmonics = [*parts[0][:num_harmonics], *parts[1][:num_harmonics]]
+    return harmonics, jnp.stack([jnp.stack(part[num_harmonics:]) for part in parts])
+
+
+def _joined(harmonics: list[Array], columns: Float[Array, "2 columns ..."]) -> list[Array]:
+    """Inverse of `_parted`."""
+    half = len(harmonics) // 2
+    return [*harmonics[:half], *columns[0], *harmonics[half:], *columns[1]]
 
 
 def _rows(vector: Float[Array, "n ..."]) -> list[Array]:

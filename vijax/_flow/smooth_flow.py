@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._jax.arrays import Scalar
+from .._jax.arrays import Scalar, smallest
 from .._jax.xla import is_any
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import State, start_period
 from .._system.waves import phase_at, turned
 from .interface import AbstractFlow
 
@@ -41,6 +41,8 @@ def coast(
         time: remainder of the final time, which is not before the start of the motion.
         max_steps: bound on the steps within a period. A motion that needs more ends in NaN.
     """
+    if machine.tables is not None:
+        return _by_knots(flow, machine, state, phase0, periods, time, max_steps)
     if flow.flow_map_reaches_far:
         return _flow_map(flow, machine, state, phase0, periods, time)
     return _by_steps(flow, machine, state, phase0, periods, time, max_steps)
@@ -96,6 +98,42 @@ def _by_steps(
         repeat = lambda carry: (period(carry[0]), carry[1] - 1)  # noqa: E731
         state, _ = jax.lax.while_loop(lambda carry: carry[1] > 0, repeat, (state, whole))
     return _for(flow, machine, state, jnp.where(is_driven & is_later, time, 0), max_steps)
+
+
+def _by_knots(
+    flow: AbstractFlow,
+    machine: Machine,
+    state: State,
+    phase0: Float[Array, "2 harmonics"],
+    periods: Int[Array, ""],
+    time: Scalar,
+    max_steps: Int[Array, ""],
+) -> State:
+    """Coast step by step, from knot to knot of a load by a table and from period to period."""
+
+    def left(state: State) -> tuple[Scalar, Array]:
+        is_last = state.periods >= periods
+        return jnp.where(is_last, time, machine.period) - state.time - state.time_low, is_last
+
+    def step(carry):
+        state, steps = carry
+        ahead, is_last = left(state)
+        until = machine.until_knots(state)
+        target = jnp.maximum(jnp.minimum(ahead, smallest(until)), 0)
+        moved, length = flow.coast(machine, state, target)
+        is_there = length >= target
+        rounding = 4 * jnp.finfo(target.dtype).eps * jnp.minimum(machine.period, state.time + target)
+        moved, _ = machine.past_knots(moved, is_there & (until <= target + rounding))
+        moved = start_period(moved, phase0, is_there & ~is_last & (ahead <= target + rounding))
+        return moved, steps + 1
+
+    def is_on(carry):
+        ahead, is_last = left(carry[0])
+        return ((ahead > 0) | ~is_last) & (carry[1] < max_steps)
+
+    end, _ = jax.lax.while_loop(is_on, step, (state, jnp.array(0)))
+    ahead, is_last = left(end)
+    return eqx.tree_at(lambda s: s.x, end, jnp.where((ahead > 0) | ~is_last, jnp.nan, end.x))
 
 
 def _at_start(state: State, phase0: Float[Array, "2 harmonics"], is_over: Array) -> State:

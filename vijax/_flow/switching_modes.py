@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
+from .._machine.tables import is_by_tables
 from .._system.compliant import CompliantContact, CompliantStop
 from .._system.friction import Friction
 from .._system.system import ImpactSystem
@@ -27,7 +28,7 @@ def switching_modal_flow(
     """Tabulate the modes of all sets, or return None; arguments as `modal_flow` takes them."""
     known = [concrete(a) for a in (system.mass, system.damping, system.stiffness)]
     matrices, elements = [a for a in known if a is not None], _elements(system)
-    if elements is None or len(matrices) < len(known) or system.has_full_mass:
+    if is_by_tables(system) or elements is None or len(matrices) < len(known) or system.has_full_mass:
         return None
     with concrete_evaluation():
         has_lanes = matrices[0].ndim == 2

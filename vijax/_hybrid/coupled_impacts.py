@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Scalar
+from .._jax.arrays import Flag, Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import rates, sizes_of_force
 from .._machine.machine import Machine, moving_with, state_before_contact
@@ -77,8 +77,10 @@ def first_state(
     return moving_with(machine, state, *given)
 
 
-def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
-    """Apply the impacts of this instant, then stick and release contacts."""
+def resolve(
+    machine: Machine, state: State, is_event: Bool[Array, "stops ..."], jumps: Flag | None = None
+) -> tuple[State, Instant]:
+    """Apply the impacts of this instant, then stick and release contacts; the load may jump, see `past_knots`."""
     v_minus = machine.approach(state)
     hit = is_event & ~state.held & (v_minus > 0)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
@@ -94,7 +96,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
     return jax.lax.cond(
         is_any(is_doubtful),
-        lambda: _stick_and_release(machine, after, instant, is_event, torn),
+        lambda: _stick_and_release(machine, after, instant, is_event, torn, jumps),
         lambda: (after, instant),
     )
 
@@ -132,10 +134,12 @@ def _stick_and_release(
     instant: Instant,
     is_event: Bool[Array, "stops ..."],
     torn: Bool[Array, "stops ..."],
+    jumps: Flag | None,
 ) -> tuple[State, Instant]:
     """Stick and release contacts, after all impacts of this instant."""
     contacts, hit = machine.contacts, instant.hit
     is_jump = jnp.any(hit, axis=0)
+    is_jump = is_jump if jumps is None else is_jump | jumps
     torn, was_held = state.held & torn, state.held & ~torn
     let_go = is_event & was_held
     held = was_held & ~let_go

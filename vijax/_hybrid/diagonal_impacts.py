@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar
+from .._jax.arrays import Flag, Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import derivatives, rates
 from .._machine.machine import Machine, moving_with, state_before_contact
@@ -51,8 +51,10 @@ def first_state(
     return moving_with(machine, eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact)), *given)
 
 
-def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
-    """Apply the impacts of this instant, then stick and release masses."""
+def resolve(
+    machine: Machine, state: State, is_event: Bool[Array, "stops ..."], jumps: Flag | None = None
+) -> tuple[State, Instant]:
+    """Apply the impacts of this instant, then stick and release masses; the load may jump, see `past_knots`."""
     v_minus = machine.contacts.along(state.v)
     hit = is_event & ~state.held & (v_minus > 0)
     x, v = rebound(machine, state, hit)
@@ -69,13 +71,17 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
     return jax.lax.cond(
         is_any(is_doubtful),
-        lambda: _stick_and_release(machine, after, instant, is_event),
+        lambda: _stick_and_release(machine, after, instant, is_event, jumps),
         lambda: (after, instant),
     )
 
 
 def _stick_and_release(
-    machine: Machine, state: State, instant: Instant, is_event: Bool[Array, "stops ..."]
+    machine: Machine,
+    state: State,
+    instant: Instant,
+    is_event: Bool[Array, "stops ..."],
+    jumps: Flag | None,
 ) -> tuple[State, Instant]:
     """Stick and release masses, after all impacts of this instant."""
     let_go = is_event & state.held
@@ -86,6 +92,7 @@ def _stick_and_release(
     is_complete = compute_once(chatter_is_complete, speed, approach, approach_rate, chatter, machine.rate)
     stuck = instant.hit & is_complete
     is_jump = jnp.any(instant.hit, axis=0)
+    is_jump = is_jump if jumps is None else is_jump | jumps
     thrown = state.held & (approach < 0) & is_jump
     # Released at this instant, and pressed again before the mass leaves.
     pressed_again = ~state.held & (state.contact >= 2) & (approach > 0) & is_jump

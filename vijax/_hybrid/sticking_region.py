@@ -22,6 +22,7 @@ from .._jax.arrays import Numbers, as_float
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import numbers_of
+from .._system.forcing import Harmonic
 from .._system.system import AnySystem, with_args
 from .._system.waves import phase_at
 from .sticking import is_pressed
@@ -233,7 +234,12 @@ def sticking_region(system: AnySystem, held: int | Sequence[int]) -> StickingReg
         raise ValueError(
             f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
         )
+    if not isinstance(system.forcing, Harmonic):
+        raise ValueError(
+            "The sticking region is that of a load by one `vx.Harmonic`: `Solution.contact_force` has the forces along a motion "
+            "under any load."
+        )
     system = with_args(system, None)
-    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.forcing.mean)
+    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros(system.num_masses, system.mass.dtype)
     machine = prepare(numbers_of(system), one, (0 * one, rest, rest), can_stick=True)
     return StickingRegion(machine, tuple(int(j) for j in stops), tuple(masses))

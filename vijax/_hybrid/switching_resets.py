@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar, matvec, with_derivative_of
+from .._jax.arrays import Flag, Scalar, matvec, with_derivative_of
 from .._jax.concrete import stop_gradients
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
@@ -59,11 +59,18 @@ def first_state(
     return _settled(machine, state, AtRest(at_rest, jnp.zeros_like(direction)))
 
 
-def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."]) -> tuple[State, Instant]:
-    """Apply the impacts of this instant, then switch the laws of elements, and decide which hold."""
+def resolve(
+    machine: Machine, state: State, is_event: Bool[Array, "guards ..."], jumps: Flag | None = None
+) -> tuple[State, Instant]:
+    """Apply the impacts of this instant, then switch the laws of elements, and decide which hold.
+
+    The load may jump, see `past_knots`.
+    """
     num = machine.contacts.num
+    is_now = jnp.any(is_event, axis=0)
+    is_now = is_now if jumps is None else is_now | jumps
     # The frozen elements are decided anew at every event.
-    is_open = jnp.any(is_event, axis=0) & (state.contact == FROZEN)
+    is_open = is_now & (state.contact == FROZEN)
     state = eqx.tree_at(lambda s: s.contact, state, jnp.where(is_open, jnp.int8(0), state.contact))
     events = Zeros(is_event[:num], is_event[num:])
     speed = sliding_velocity(machine, state)
@@ -79,8 +86,8 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."])
             lambda: (state, instant, none, zeros),
         )
     return jax.lax.cond(
-        is_any(is_event),
-        lambda: compute_once(_switch, machine, state, after, instant, events, torn, impulse),
+        is_any(is_event if jumps is None else is_now),
+        lambda: compute_once(_switch, machine, state, after, instant, events, torn, impulse, jumps),
         lambda: (after, instant),
     )
 
@@ -115,6 +122,7 @@ def _switch(
     events: Zeros,
     torn: Bool[Array, "stops ..."],
     impulse: Float[Array, "stops ..."],
+    jumps: Flag | None,
 ) -> tuple[State, Instant]:
     """Switch the laws of elements after all impacts of this instant, and decide which elements at rest hold."""
     contacts, hit = machine.contacts, instant.hit
@@ -122,6 +130,7 @@ def _switch(
     is_jump = jnp.any(hit, axis=0)
     # In a batch the trajectories without an event come here as well: they stay as they are.
     is_now = jnp.any(events.first | events.second, axis=0)
+    is_now = is_now if jumps is None else is_now | jumps
     speed = sliding_velocity(machine, state)
     was_at_rest = before.held | before.is_kept_closed
     # Elements whose speed this instant's impacts change.

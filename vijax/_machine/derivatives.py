@@ -79,6 +79,7 @@ def sizes_of_force(
     """
     own = jnp.abs(load) + machine.frequency**order * machine.waves.bound(order)
     own = own if order else own + jnp.abs(machine.mean)
+    own = own if machine.tables is None else own + machine.tables.bound(order)
     return own + matvec(jnp.abs(machine.damping), v_size) + matvec(jnp.abs(machine.stiffness), x_size)
 
 

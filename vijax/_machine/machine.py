@@ -1,6 +1,7 @@
 """Machine as arrays, as the engine computes with it."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,15 +9,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Reals, Scalar, clip_to_zero, matrix_product, matvec, over_lanes, with_derivative_of
-from .._system.waves import Waves, phase_at, phase_rate
+from .._jax.arrays import (
+    Flag,
+    Reals,
+    Scalar,
+    clip_to_zero,
+    matvec,
+    with_derivative_of,
+)
+from .._system.waves import Waves, phase_at, phase_rate, turned
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
 from .frame import Frame
 from .numbers import MachineNumbers
+from .rate_bounds import of_unit_mass, rate_of_motion, rate_with_closed
 from .state import State, idle_mode
 from .stops import Stops
 from .switching import COMPLIANT, SwitchingContacts
+from .tables import Knots, Tables, prepare_tables
 
 
 class Machine(eqx.Module):
@@ -26,7 +36,8 @@ class Machine(eqx.Module):
     of the linear motion, for any set of held masses, by its norm; `timescale` is its inverse; `closed_rate` is the rate with compliant
     contacts closed, None if there are none. `extra` is None for a linear
     machine. `frame` is None where all stops stand still or contacts are coupled. Otherwise everything, the load
-    included, is relative to it: positions and velocities are relative to the stops of their mass.
+    included, is relative to it: positions and velocities are relative to the stops of their mass. `tables` is None
+    where no load is given by a table.
     """
 
     damping: Float[Array, "n n ..."]
@@ -43,6 +54,7 @@ class Machine(eqx.Module):
     frame: Frame | None = None
     closed_rate: Any = None
     num_states: int = eqx.field(static=True, default=0)
+    tables: Tables | None = None
 
     @property
     def num_masses(self) -> int:
@@ -56,11 +68,72 @@ class Machine(eqx.Module):
 
     def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """Load at a phase of the forcing, given as cosines and sines of h W t."""
-        return self.mean + self.waves.at(phase)
+        return self.mean + self.varying_load(phase)
+
+    def varying_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        """Load at a phase, or its derivative at the rate of a phase, without its mean."""
+        waves = self.waves.at(phase)
+        return waves if self.tables is None else waves + self.tables.load(self._columns(phase))
+
+    def _columns(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 columns ..."]:
+        """Columns of a phase that belong to loads by tables."""
+        return phase[:, self.waves.num_harmonics :]
+
+    def derivatives_of_tables(self, phase: Float[Array, "2 columns ..."]) -> list[Float[Array, "n ..."]]:
+        """Sum of the loads by tables at a phase, and its derivatives by time."""
+        assert self.tables is not None
+        return self.tables.derivatives_of_load(self._columns(phase))
+
+    @property
+    def num_columns(self) -> int:
+        """Number of columns of a phase: of harmonics, and of loads by tables."""
+        of_tables = 0 if self.tables is None else self.tables.columns.shape[1]
+        return self.waves.num_harmonics + of_tables
+
+    @property
+    def is_periodic(self) -> bool:
+        """True if all loads by tables repeat with the forcing period, and where there are none."""
+        return self.tables is None or all(self.tables.first.in_step)
 
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at a time."""
-        return phase_at(self.frequency * t, self.waves.num_harmonics)
+        phase = phase_at(self.frequency * t, self.waves.num_harmonics)
+        return phase if self.tables is None else self.with_tables_at(phase, t)
+
+    def with_tables_at(
+        self, phase: Float[Array, "2 harmonics ..."], t: Scalar
+    ) -> Float[Array, "2 columns ..."]:
+        """Phase of the harmonics, and columns of loads by tables, at a time."""
+        assert self.tables is not None
+        return _side_by_side(phase, self.tables.at(t))
+
+    def phase_at_start(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
+        """Phase at the beginning of a trajectory, at which the machine was prepared."""
+        return self.with_tables(phase_at(self.frequency * t, self.waves.num_harmonics))
+
+    def with_tables(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 columns ..."]:
+        """Phase of the harmonics, and columns of loads by tables, at the beginning of a trajectory."""
+        return phase if self.tables is None else _side_by_side(phase, self.tables.columns)
+
+    def phase_after(
+        self, phase: Float[Array, "2 harmonics ..."], step: Scalar
+    ) -> Float[Array, "2 harmonics ..."]:
+        """Phase after a step of any length without a knot."""
+        by = phase_at(self.frequency * step, self.waves.num_harmonics)
+        if self.tables is None:
+            return turned(phase, by)
+        own = turned(phase[:, : self.waves.num_harmonics], by)
+        columns = self._columns(phase)
+        return _side_by_side(own, columns + self.tables.change(columns, step))
+
+    def with_harmonics(
+        self, phase: Float[Array, "2 harmonics ..."], step: Scalar, harmonics: Callable[..., Array]
+    ) -> Float[Array, "2 harmonics ..."]:
+        """Change of a phase over a step without a knot, of which `harmonics` makes that of the harmonics."""
+        if self.tables is None:
+            return harmonics(phase)
+        own = harmonics(phase[:, : self.waves.num_harmonics])
+        return _side_by_side(own, self.tables.change(self._columns(phase), step))
 
     def moved(self, x: Float[Array, "n ..."], displacement: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         """Positions after a displacement.
@@ -75,7 +148,10 @@ class Machine(eqx.Module):
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""
-        return phase_rate(phase, self.frequency)
+        if self.tables is None:
+            return phase_rate(phase, self.frequency)
+        harmonics = phase_rate(phase[:, : self.waves.num_harmonics], self.frequency)
+        return _side_by_side(harmonics, self.tables.rate(self._columns(phase)))
 
     def force(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
@@ -87,7 +163,7 @@ class Machine(eqx.Module):
         self, phase: Float[Array, "2 harmonics ..."], v: Float[Array, "n ..."], a: Float[Array, "n ..."]
     ) -> Float[Array, "n ..."]:
         """Time derivative of `force`, for the accelerations `a`."""
-        rate = self.waves.at(self.phase_rate(phase))
+        rate = self.varying_load(self.phase_rate(phase))
         return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
 
     def total_force(self, state: State) -> Float[Array, "n ..."]:
@@ -186,6 +262,31 @@ class Machine(eqx.Module):
         """Speeds of approach to the contacts."""
         return self.contacts.towards(state.v, self.phase_rate(state.phase))
 
+    def until_knots(self, state: State) -> Float[Array, "streams ..."]:
+        """Time to the next knot of each load by a table."""
+        assert self.tables is not None
+        return self.tables.until(state.knots, state.periods * self.period, state.time, state.time_low)
+
+    def past_knots(self, state: State, at: Bool[Array, "streams ..."]) -> tuple[State, Flag]:
+        """State after knots of flagged tables, and whether the load jumps there by more than rounding."""
+        assert self.tables is not None
+        num_harmonics, old = self.waves.num_harmonics, self._columns(state.phase)
+        knots, new = self.tables.past(state.knots, old, at)
+        before, after = self.tables.load(old), self.tables.load(new)
+        noise = 64 * jnp.finfo(after.dtype).eps * self.tables.bound(0)
+        jumps = jnp.any(jnp.abs(after - before) > noise, axis=0)
+        phase = _side_by_side(state.phase[:, :num_harmonics], new)
+        return eqx.tree_at(lambda s: (s.phase, s.knots), state, (phase, knots)), jumps
+
+
+def _side_by_side(
+    harmonics: Float[Array, "2 harmonics ..."], columns: Float[Array, "2 columns ..."]
+) -> Float[Array, "2 both ..."]:
+    """Phase of harmonics and of loads by tables, in all lanes of both."""
+    lanes = jnp.broadcast_shapes(harmonics.shape[2:], columns.shape[2:])
+    both = [jnp.broadcast_to(a, (*a.shape[:2], *lanes)) for a in (harmonics, columns)]
+    return jnp.concatenate(both, axis=1)
+
 
 def state_before_contact(
     machine: Machine,
@@ -209,7 +310,13 @@ def state_before_contact(
         held=held,
         contact=jnp.zeros(gap.shape, jnp.int8),
         mode=idle_mode(gap) if machine.contacts.is_switching else None,
+        knots=None if machine.tables is None else _first_knots(machine.tables, zero),
     )
+
+
+def _first_knots(tables: Tables, like: Scalar) -> Knots:
+    """Places in all tables at the beginning of a trajectory, in all lanes."""
+    return jax.tree.map(lambda a: jnp.broadcast_to(a, (len(a), *like.shape)), tables.first)
 
 
 def moving_with(machine: Machine, state: State, x: Float[Array, "n ..."], v: Float[Array, "n ..."]) -> State:
@@ -256,7 +363,7 @@ def prepare(
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
     waves, frequency, frame, walls = numbers.waves, numbers.frequency, None, None
     has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
-    unit = _of_unit_mass(numbers) if has_full_mass else None
+    unit = of_unit_mass(numbers) if has_full_mass else None
     inverse_mass = 1 / numbers.mass if unit is None else unit.inverse_mass
     if numbers.signs is not None:
         walls = numbers.travel
@@ -266,7 +373,7 @@ def prepare(
     is_driven = frequency > 0
     longest = jnp.asarray(jnp.finfo(numbers.mass.dtype).max ** 0.5, numbers.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, frequency, 1.0), longest)
-    rate = jnp.maximum(_decay_and_frequency(numbers, unit), numbers.highest * frequency)
+    rate = jnp.maximum(rate_of_motion(numbers, unit), numbers.highest * frequency)
     extra = None
     if numbers.force is not None:
         extra = ExtraForce(numbers.force, start[0], frame)
@@ -287,9 +394,16 @@ def prepare(
         can_stick=can_stick,
         extra=extra,
         frame=frame,
-        closed_rate=_closed_rate(numbers, contacts, rate) if is_switching else None,
+        closed_rate=rate_with_closed(numbers, contacts, rate) if is_switching else None,
         num_states=numbers.num_states,
+        tables=_tables(numbers, start[0], frequency),
     )
+
+
+def _tables(numbers: MachineNumbers, t0: Scalar, frequency: Scalar) -> Tables | None:
+    if numbers.tables is None:
+        return None
+    return prepare_tables(numbers.tables, t0, frequency, numbers.waves.num_harmonics)
 
 
 def _contacts(numbers: MachineNumbers, rows: Reals, inverse_mass: Array, walls: Waves | None) -> Contacts:
@@ -307,44 +421,6 @@ def _contacts(numbers: MachineNumbers, rows: Reals, inverse_mass: Array, walls: 
     return Contacts(*own) if numbers.laws is None else SwitchingContacts(*own, numbers.laws)
 
 
-def _closed_rate(numbers: MachineNumbers, contacts: SwitchingContacts, rate: Scalar) -> Scalar:
-    """Bound on the rate with any compliant contacts closed."""
-    stiffness, damping = contacts.matrices_of(jnp.ones_like(contacts.limit, bool))
-    names = lambda a: (a.stiffness, a.damping)  # noqa: E731
-    closed = eqx.tree_at(names, numbers, (numbers.stiffness + stiffness, numbers.damping + damping))
-    has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
-    pairs = [_unit_matrices(one, _of_unit_mass(one) if has_full_mass else None) for one in (numbers, closed)]
-    w2, d = (_bound_between(*pair) for pair in zip(*pairs, strict=True))
-    return jnp.maximum(rate, _rate_of(w2, d))
-
-
-def _bound_between(a: Float[Array, "n n ..."], b: Float[Array, "n n ..."]) -> Scalar:
-    """Bound the norm of a + c for every c with 0 <= c <= b - a, symmetric.
-
-    Eigenvalues of the symmetric part lie between those of a and b, the skew part is that of a.
-    """
-    halves = [(m + jnp.swapaxes(m, 0, 1)) / 2 for m in (a, b)]
-    return jnp.maximum(*map(_norm, halves)) + _norm(a - halves[0])
-
-
-class _UnitMass(NamedTuple):
-    """M^-1, and damping and stiffness in the coordinates y = L^T x, M = L L^T, of unit masses."""
-
-    inverse_mass: Float[Array, "n n ..."]
-    damping: Float[Array, "n n ..."]
-    stiffness: Float[Array, "n n ..."]
-
-
-def _of_unit_mass(numbers: MachineNumbers) -> _UnitMass:
-    def of_one(mass: Array, *others: Array) -> _UnitMass:
-        back = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(mass), jnp.eye(len(mass)), lower=True)
-        return _UnitMass(back.T @ back, *(back @ other @ back.T for other in others))
-
-    matrices = numbers.mass, numbers.damping, numbers.stiffness
-    like = numbers.mass[0] + numbers.damping[0] + numbers.stiffness[0]
-    return over_lanes(of_one, like, *matrices)
-
-
 # Value of `max_steps` that stands for `default_max_steps`, a bound by the rate of the machine.
 AUTOMATIC_MAX_STEPS = -1
 
@@ -355,36 +431,3 @@ def default_max_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_
     # A machine whose rate is not finite ends at its first step, and the bound must allow that step.
     total = least + jnp.where(jnp.isfinite(steps), steps, 0)
     return jnp.minimum(total, 2e9).astype(int)  # fits 32 bits
-
-
-def _decay_and_frequency(numbers: MachineNumbers, unit: _UnitMass | None) -> Scalar:
-    """Bound the norm of the first-order matrix of the machine, see `_rate_of`; holding masses can only reduce it."""
-    w2, d = map(_norm, _unit_matrices(numbers, unit))
-    return _rate_of(w2, d)
-
-
-def _unit_matrices(numbers: MachineNumbers, unit: _UnitMass | None) -> tuple[Array, Array]:
-    """Stiffness and damping in coordinates of unit masses."""
-    if unit is not None:
-        return unit.stiffness, unit.damping
-    root = jnp.sqrt(numbers.mass)
-    scale = root[:, None] * root[None]
-    return numbers.stiffness / scale, numbers.damping / scale
-
-
-def _rate_of(w2: Scalar, d: Scalar) -> Scalar:
-    """Bound the norm of the first-order matrix from the norms w^2 and d of K and C, for unit masses.
-
-    For (w x, x') the matrix is [[0, w], [-K / w, -C]]. The norms of its blocks are at most w, w and d, so its norm is at
-    most that of [[0, w], [w, d]], (d + sqrt(d^2 + 4 w^2)) / 2. No symmetry is needed.
-    """
-    return (d + jnp.sqrt(d * d + 4 * w2)) / 2
-
-
-def _norm(matrix: Float[Array, "n n ..."]) -> Scalar:
-    """Bound the largest singular value of a matrix A: the Frobenius norm of (A^T A)^2, to the 1/4."""
-    largest = jnp.max(jnp.abs(matrix), axis=(0, 1))
-    unit = matrix / jnp.where(largest > 0, largest, 1.0)
-    unit = matrix_product(jnp.swapaxes(unit, 0, 1), unit)
-    unit = matrix_product(unit, unit)
-    return largest * jnp.sum(unit * unit, axis=(0, 1)) ** 0.125

@@ -12,10 +12,13 @@ from .._jax.arithmetic import is_arithmetic
 from .._jax.arrays import Reals, add_up, array_namespace, stack
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
+from .._system.forcing import Harmonic
+from .._system.load import is_constant
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
 from .._system.waves import Waves
 from .switching import Laws, laws_of
+from .tables import KnotsLayout, TableNumbers, tables_of
 
 
 class MachineNumbers(eqx.Module):
@@ -39,6 +42,7 @@ class MachineNumbers(eqx.Module):
         laws: of friction and compliant contacts; None if all contacts are rigid. Friction has rows behind those of the
             contacts, and everything over contacts has entries for it.
         num_states: number of last coordinates whose positions stay 0.
+        tables: loads by tables; None if there are none.
     """
 
     mass: Reals
@@ -56,6 +60,22 @@ class MachineNumbers(eqx.Module):
     force: BoundForce | None
     laws: Laws | None = None
     num_states: int = eqx.field(static=True, default=0)
+    tables: tuple[TableNumbers, ...] | None = None
+
+    @property
+    def num_columns(self) -> int:
+        """Number of columns of the phase of the load: of harmonics, and of loads by tables."""
+        layout = self.knots_layout
+        return self.waves.num_harmonics if layout is None else len(layout.anew)
+
+    @property
+    def knots_layout(self) -> KnotsLayout | None:
+        """Layout of the places in the tables of the load; None if there are none."""
+        if self.tables is None:
+            return None
+        _, orders, n = self.tables[0].rows.shape[:3]
+        in_step = tuple(table.is_in_step for table in self.tables)
+        return KnotsLayout.of(in_step, self.waves.num_harmonics, orders // 2 * n)
 
     @property
     def num_stops(self) -> int:
@@ -82,15 +102,16 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
     def of_contacts(values: list) -> Reals:
         return stack([value + zero for value in values]) if values else np.zeros((0, *zero.shape), zero.dtype)
 
+    mean, waves = harmonic_load_of(system)
     none, one = [0.0] * len(system.friction), np.ones((), zero.dtype)
     restitutions = [stop.restitution if isinstance(stop, AbstractRigidLimit) else one for stop in stops]
     return MachineNumbers(
         mass=system.mass,
         damping=system.damping,
         stiffness=system.stiffness,
-        mean=forcing.mean,
-        waves=forcing.waves(num_lane_axes).padded(size),
-        frequency=forcing.frequency,
+        mean=mean,
+        waves=waves,
+        frequency=forcing.clock,
         highest=np.full([1] * num_lane_axes, _highest(system), zero.dtype),
         rows=_rows(system),
         limit=of_contacts([stop.sign * stop.centre for stop in stops] + none),
@@ -100,7 +121,28 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         force=system.force if isinstance(system.force, BoundForce) else None,
         laws=laws_of(system, of_contacts),
         num_states=system.num_states,
+        tables=tables_of(system),
     )
+
+
+def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:
+    """Mean of the load, and its harmonics, padded."""
+    lane_axes, forcing, size = system.stiffness.ndim - 2, system.forcing, num_harmonics(system)
+    if isinstance(forcing, Harmonic):
+        return forcing.mean, forcing.waves(lane_axes).padded(size)
+    none = np.zeros((system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)
+    means: list[Reals] = [none]
+    waves = [Waves(none[None], none[None]).padded(size)]
+    for load in forcing.loads:
+        if not isinstance(load, Harmonic):
+            continue
+        means.append(load.mean)
+        own = load.waves(lane_axes)
+        if is_constant(load):
+            means.append(add_up(own.cosine))
+        else:
+            waves.append(own.padded(size))
+    return add_up(means), jax.tree.map(lambda *parts: add_up(parts), *waves)
 
 
 def num_harmonics(system: ImpactSystem) -> int:
@@ -109,8 +151,9 @@ def num_harmonics(system: ImpactSystem) -> int:
 
 
 def _highest(system: ImpactSystem) -> int:
-    moving = [system.forcing, *(stop.motion for stop in system.stops if stop.motion is not None)]
-    return max(harmonic.num_harmonics(system.stiffness.ndim - 2) for harmonic in moving)
+    loads = [load for load in system.forcing.loads if isinstance(load, Harmonic)]
+    moving = [*loads, *(stop.motion for stop in system.stops if stop.motion is not None)]
+    return max((harmonic.num_harmonics(system.stiffness.ndim - 2) for harmonic in moving), default=1)
 
 
 def _rows(system: ImpactSystem) -> Reals:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._jax.arrays import Scalar
+from .tables import in_new_period
 
 # Value of `State.contact` for a contact that others keep closed.
 KEPT_CLOSED = 4
@@ -49,6 +50,7 @@ class State(eqx.Module):
     closed without a force, until one of them releases.
 
     `memory` is the memory of the flow from step to step; exact flows have none. `mode` is None if all contacts are rigid.
+    `knots` is the place in the tables of the load, None if there are none.
     """
 
     periods: Int[Array, "..."]
@@ -62,6 +64,7 @@ class State(eqx.Module):
     contact: Int[Array, "stops ..."]
     memory: PyTree = None
     mode: Any = None  # `Mode` or None; type checkers would ask for a test of None at every use
+    knots: Any = None  # `Knots` or None, likewise
 
     @property
     def is_kept_closed(self) -> Bool[Array, "stops ..."]:
@@ -121,6 +124,9 @@ def with_memory(state: State, memory: PyTree) -> State:
 
 def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over: Bool[Array, "..."]) -> State:
     """Count a forcing period that is over and reset time and phase, so that neither drifts."""
+    if state.knots is not None:
+        knots, phase0 = in_new_period(state.knots, state.phase, phase0, is_over)
+        state = eqx.tree_at(lambda s: s.knots, state, knots)
     return eqx.tree_at(
         lambda s: (s.periods, s.time, s.time_low, s.phase),
         state,

@@ -25,6 +25,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._system.compliant import AbstractCompliantLimit
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
+from .._system.forcing import Harmonic
 from .._system.restitution import AbstractRestitution
 from .._system.system import AnySystem, ImpactSystem, machine_of
 
@@ -45,6 +46,8 @@ class ReversedForce(eqx.Module):
 
 def no_inverse(system: AnySystem) -> str:
     """Why the motion of a machine cannot be reversed; empty if it can, but for motions that stick."""
+    if not isinstance(system.forcing, Harmonic):
+        return "its load is not a single `vx.Harmonic`, of which alone the reversed one is known"
     if system.friction:
         return "friction brings many motions to rest alike"
     for j, stop in enumerate(system.stops):

@@ -29,6 +29,7 @@ from .._jax.concrete import check_values, concrete, is_staged, stop_gradients
 from .._jax.xla import compile_derivatives_lightly, compile_lightly
 from .._machine.numbers import numbers_of
 from .._system.forcing import Harmonic
+from .._system.periodicity import refuse_without_period
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import EventLog
 from .._trajectory.loop import Choices
@@ -71,14 +72,18 @@ class _Found(NamedTuple):
 
 def is_undriven(system: ImpactSystem) -> bool:
     """True if no load sets a period: its frequency is 0, and known."""
+    refuse_without_period(system)
     frequency = concrete(check_values(system.forcing.frequency))
     return frequency is not None and not frequency > 0
 
 
 def with_unit(system: ImpactSystem, unit: float) -> ImpactSystem:
     """A machine that nothing drives with a forcing period all the same, the unit of time of its equations."""
-    load = system.forcing
-    constant = load.mean + jnp.sum((load.amplitude * jnp.cos(load.phase)).reshape(-1, len(load.mean)), axis=0)
+    constant = sum(
+        load.mean + jnp.sum((load.amplitude * jnp.cos(load.phase)).reshape(-1, len(load.mean)), axis=0)
+        for load in system.forcing.loads
+        if isinstance(load, Harmonic)
+    )
     return eqx.tree_at(
         lambda s: s.forcing, system, Harmonic(jnp.zeros_like(constant), 2 * np.pi / unit, mean=constant)
     )

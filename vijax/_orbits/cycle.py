@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._flow.across_knots import flow_map_across_knots
 from .._flow.interface import AbstractFlow
 from .._hybrid.law import rebound
 from .._hybrid.limits import IMPACT, limits_of
@@ -319,7 +320,7 @@ def moved_by(tree: Any, change: Any, by: Scalar) -> Any:
 def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
     x, v = jnp.split(z, 2)
     held, contacts = held_in(problem.sequence.mode[0]), machine.contacts
-    phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
+    phase = phase_of(machine, problem.phase)
     if contacts.is_switching:
         x = contacts.with_closed_gaps(x, held & ~contacts.are(FRICTION), phase)
         v = contacts.without_speeds(v, held, phase)
@@ -385,6 +386,8 @@ def flow_map(
     machine: Machine, flow: AbstractFlow, place: Moment, mode: Array, duration: Scalar
 ) -> tuple[Array, Array, Array, Array]:
     """Displacement over a flight in a mode, velocity and phase at its end, and the change of the phase."""
+    if machine.tables is not None:
+        return _flow_map_across_knots(machine, flow, place, mode, duration)
     num_harmonics = machine.waves.num_harmonics
     phase, angle = phase_at(2 * jnp.pi * place.time, num_harmonics), 2 * jnp.pi * duration
     half = phase_at(angle / 2, num_harmonics)[1]
@@ -395,3 +398,22 @@ def flow_map(
     machine, hold = machine.in_mode(state), machine.hold(state.held)
     displacement, gain = flow.flow_map(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change
+
+
+def _flow_map_across_knots(
+    machine: Machine, flow: AbstractFlow, place: Moment, mode: Array, duration: Scalar
+) -> tuple[Array, Array, Array, Array]:
+    """`flow_map` under loads by tables."""
+    phase, (x, v), time = phase_of(machine, place.time), jnp.split(place.z, 2), place.time * machine.period
+    state = state_in_mode(machine, phase, x, v, mode, time)
+    machine, hold = machine.in_mode(state), machine.hold(state.held)
+    displacement, gain, end = flow_map_across_knots(
+        flow, machine, state, hold, duration * machine.period, time
+    )
+    return displacement, v + gain, end, end - phase
+
+
+def phase_of(machine: Machine, time: Scalar) -> Array:
+    """Phase of the load at a time in forcing periods since phase 0."""
+    phase = phase_at(2 * jnp.pi * time, machine.waves.num_harmonics)
+    return phase if machine.tables is None else machine.with_tables_at(phase, time * machine.period)

@@ -88,6 +88,8 @@ def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
         return flattened_points(source, source["forcing_period"])
     if np.ndim(source.t0):
         raise ValueError("Argument `source` holds several trajectories: pass one, or use `vx.sweep`.")
+    if not source.machine.is_periodic:
+        raise ValueError("The load does not repeat, so there is no forcing period to compare with.")
     if not source.machine.frequency > 0:
         raise ValueError("The load has no frequency, so there is no forcing period to compare with.")
     return np.array([source.machine.period], float)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -180,6 +181,8 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
         check_mass_matrices(np.moveaxis(np.asarray(system.mass), -1, 0))
     else:
         check_every("mass", system.mass, POSITIVE)
+    if system.forcing.why_not_periodic:
+        raise ValueError(system.forcing.why_not_periodic)
     check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
     for name in ("damping", "stiffness"):
         check_finite(name, np.asarray(getattr(system, name)))
@@ -220,14 +223,16 @@ def _travel_within_a_radian(system: Any, v: Reals) -> Reals:
     frequency = forcing.frequency + (forcing.frequency <= 0)
     moved = abs(v).max() / frequency
     rows = [(element.grip, i, a) for element in system.friction for i, a in element.coefficients.items()]
-    numbers = forcing.frequency, system.mass, system.stiffness, forcing.amplitude, forcing.mean
+    numbers = forcing.frequency, system.mass, system.stiffness
     known = [a for a in map(concrete, (*numbers, *(grip * a for grip, _, a in rows))) if a is not None]
-    if len(known) < len(numbers) + len(rows):
+    of_load, structure = jax.tree.flatten(forcing)
+    known_load = [a for a in map(concrete, of_load) if a is not None]
+    if len(known) < len(numbers) + len(rows) or len(known_load) < len(of_load):
         return moved
-    rate, mass, stiffness, amplitude, mean, *pulls = known
+    rate, mass, stiffness, *pulls = known
     inertia = mass.diagonal() if system.has_full_mass else mass
     resistance = inertia * (rate + (rate <= 0)) ** 2 + abs(stiffness.diagonal())
-    force = abs(amplitude).reshape(-1, len(inertia)).sum(axis=0) + abs(mean)
+    force = jax.tree.unflatten(structure, known_load).size()
     friction = sum(abs(pull / resistance[i]) for pull, (_, i, _) in zip(pulls, rows, strict=True))
     return moved + (force / resistance).max() + friction
 

@@ -13,15 +13,16 @@ from .force_description import build_force, describe_force
 from .forces_by_path import Allowed
 from .forcing import Harmonic
 from .friction import Friction
+from .load import AbstractLoad
+from .load_description import build_load, describe_load
 from .restitution import AbstractRestitution, describe_restitution, laws_by_name
-from .spelling import did_you_mean
 from .stop import Stop
 from .system import AnyStop, ImpactSystem
-from .tables import array_of, table_of
+from .tables import arrays_of, check_names, lists_of, one_array, table_of
 
-_ARRAYS, _OF_FORCING = ("mass", "damping", "stiffness"), ("amplitude", "frequency", "phase", "mean")
+_ARRAYS = ("mass", "damping", "stiffness")
 _OPTIONAL = "stops", "friction", "force", "args", "num_states"
-_OF_MOTION = tuple(name for name in _OF_FORCING if name != "frequency")
+_OF_MOTION = "amplitude", "phase", "mean"
 _OF_LIMIT = "position", "restitution"
 _TYPES = ("float32", "float64")
 
@@ -34,7 +35,7 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
     return {
         **{name: np.asarray(getattr(system, name)).tolist() for name in _ARRAYS},
         **describe_force(system.force),
-        "forcing": _lists(system.forcing),
+        "forcing": describe_load(system.forcing),
         "stops": [_place(stop) | {"position": float(stop.position)} | _law(stop) for stop in system.stops],
         **({"friction": [_rubbing(element) for element in system.friction]} if system.friction else {}),
         **({"num_states": system.num_states} if system.num_states else {}),
@@ -59,9 +60,9 @@ def build(
     Raises:
         ValueError: for a description that makes no machine, or a force that is not allowed or cannot be imported.
     """
-    _check_names("The machine", description, (*_ARRAYS, "forcing"), _OPTIONAL)
-    arrays = {name: _array(name, description[name], dtype) for name in _ARRAYS}
-    forcing = Harmonic(**_numbers("forcing", description["forcing"], ("amplitude", "frequency"), dtype))
+    check_names("The machine", description, (*_ARRAYS, "forcing"), _OPTIONAL)
+    arrays = {name: one_array(name, description[name], dtype) for name in _ARRAYS}
+    forcing = build_load(description["forcing"], dtype)
     given = description.get("stops", [])
     if not isinstance(given, list):
         raise ValueError(f"`stops` must be a list of tables, but is {given!r}.")
@@ -110,7 +111,7 @@ def _law(stop: AnyStop) -> dict[str, Any]:
         return {name: float(getattr(stop, name)) for name in LAW_OF_COMPLIANCE}
     return {
         "restitution": describe_restitution(stop.restitution),
-        "motion": None if stop.motion is None else _lists(stop.motion),
+        "motion": None if stop.motion is None else lists_of(stop.motion, _OF_MOTION),
     }
 
 
@@ -119,12 +120,12 @@ def _rubbing(element: Friction) -> dict[str, Any]:
     return _described_row(element) | {name: float(a) for name, a in numbers.items() if a is not None}
 
 
-def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> AnyStop:
+def _stop(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> AnyStop:
     own = ("row",) if isinstance(lists, dict) and "row" in lists else ("mass", "side")
     if isinstance(lists, dict) and "stiffness" in lists:
         return _compliant_stop(name, lists, own, dtype)
-    _check_names(f"`{name}`", lists, (*own, *_OF_LIMIT), ("motion",))
-    position = _array(f"{name}.position", lists["position"], dtype)
+    check_names(f"`{name}`", lists, (*own, *_OF_LIMIT), ("motion",))
+    position = one_array(f"{name}.position", lists["position"], dtype)
     restitution = _restitution(f"{name}.restitution", lists["restitution"], dtype)
     motion = _motion(f"{name}.motion", lists.get("motion"), forcing, dtype)
     try:
@@ -138,9 +139,9 @@ def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> AnyStop
 def _compliant_stop(
     name: str, lists: dict[str, Any], own: tuple[str, ...], dtype: DTypeLike
 ) -> CompliantStop | CompliantContact:
-    _check_names(f"`{name}`", lists, (*own, "position", "stiffness"), ("damping", "preload"))
+    check_names(f"`{name}`", lists, (*own, "position", "stiffness"), ("damping", "preload"))
     numbers = {
-        a: _array(f"{name}.{a}", lists[a], dtype) for a in ("position", *LAW_OF_COMPLIANCE) if a in lists
+        a: one_array(f"{name}.{a}", lists[a], dtype) for a in ("position", *LAW_OF_COMPLIANCE) if a in lists
     }
     try:
         if "row" not in lists:
@@ -151,9 +152,9 @@ def _compliant_stop(
 
 
 def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
-    _check_names(f"`{name}`", lists, ("row", "force"), ("static", "velocity"))
+    check_names(f"`{name}`", lists, ("row", "force"), ("static", "velocity"))
     numbers = {
-        a: _array(f"{name}.{a}", lists[a], dtype) for a in ("force", "static", "velocity") if a in lists
+        a: one_array(f"{name}.{a}", lists[a], dtype) for a in ("force", "static", "velocity") if a in lists
     }
     try:
         return Friction(_row(f"{name}.row", lists["row"], dtype), **numbers)
@@ -164,15 +165,15 @@ def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
 def _restitution(name: str, given: Any, dtype: DTypeLike) -> np.ndarray | AbstractRestitution:
     """A number, or the law of a table."""
     if not isinstance(given, dict):
-        return _array(name, given, dtype)
+        return one_array(name, given, dtype)
     laws = laws_by_name()
     if not isinstance(given.get("law"), str) or given["law"] not in laws:
         raise ValueError(
             f"`{name}` must be a number, or a table with `law`, one of {', '.join(sorted(laws))}, and its numbers, but is {given!r}."
         )
     law: Any = laws[given["law"]]
-    _check_names(f"`{name}`", given, ("law", *law.rules))
-    return law(**{a: _array(f"{name}.{a}", given[a], dtype) for a in law.rules})
+    check_names(f"`{name}`", given, ("law", *law.rules))
+    return law(**{a: one_array(f"{name}.{a}", given[a], dtype) for a in law.rules})
 
 
 def _row(name: str, given: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:
@@ -181,44 +182,11 @@ def _row(name: str, given: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:
         raise ValueError(
             f"`{name}` must be a table of coefficients by the numbers of masses, but is {given!r}."
         )
-    return {int(i): _array(f"{name}.{i}", a, dtype) for i, a in given.items()}
+    return {int(i): one_array(f"{name}.{i}", a, dtype) for i, a in given.items()}
 
 
-def _lists(harmonic: Harmonic) -> dict[str, Any]:
-    """Table of a load, or of a motion, which has no frequency of its own."""
-    values = ((name, getattr(harmonic, name)) for name in _OF_FORCING)
-    return {name: np.asarray(value).tolist() for name, value in values if value is not None}
-
-
-def _motion(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Harmonic | None:
+def _motion(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> Harmonic | None:
     if lists is None:
         return None
-    return Harmonic(frequency=forcing.frequency, **_numbers(name, lists, ("amplitude",), dtype, _OF_MOTION))
-
-
-def _numbers(
-    name: str, lists: Any, needed: tuple[str, ...], dtype: DTypeLike, known: tuple[str, ...] = _OF_FORCING
-) -> dict[str, np.ndarray]:
-    """Arrays of a table."""
-    _check_names(f"`{name}`", lists, needed, known)
-    return {key: _array(f"{name}.{key}", a, dtype) for key, a in lists.items()}
-
-
-def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
-    return array_of(value, f"`{name}` must be a number, or lists of numbers of one length", dtype)
-
-
-def _check_names(name: str, lists: Any, needed: tuple[str, ...], others: tuple[str, ...] = ()) -> None:
-    """Reject a table that lacks a required name, or has an unknown name: it may be misspelt."""
-    if not isinstance(lists, dict):
-        raise ValueError(f"{name} must be a table, but is {lists!r}.")
-    missing, unknown = (
-        [a for a in needed if a not in lists],
-        [a for a in lists if a not in (*needed, *others)],
-    )
-    known = ", ".join(f"`{a}`" for a in dict.fromkeys((*needed, *others)))
-    meant = did_you_mean(unknown[0], [*missing, *needed, *others]) if unknown else ""
-    if missing:
-        raise ValueError(f"{name} has no `{missing[0]}`: it has {known}.{meant}")
-    if unknown:
-        raise ValueError(f"{name} has `{unknown[0]}`, which is not known: there are {known}.{meant}")
+    check_names(f"`{name}`", lists, ("amplitude",), _OF_MOTION)
+    return Harmonic(frequency=forcing.frequency, **arrays_of(name, lists, dtype))

@@ -1,17 +1,17 @@
 """Periodic load on the masses."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._jax.arrays import Numbers, array_namespace, as_float
+from .._jax.arrays import Numbers, Reals, array_namespace, as_float
 from .._printing import as_html, as_text, describe_harmonic
 from .checks import FINITE, NOT_NEGATIVE, check_number, check_one
+from .load import AbstractLoad, with_more_columns
 from .waves import Waves
 
 
-class Harmonic(eqx.Module):
+class Harmonic(AbstractLoad):
     """A load with a constant part and one or several harmonics of one angular frequency.
 
     Mass i feels `mean_i + sum_h A_hi cos(h W t + phase_hi)`, h = 1, 2, ...
@@ -37,7 +37,9 @@ class Harmonic(eqx.Module):
     """
 
     amplitude: Float[Array, "..."]
-    frequency: Float[Array, "..."]  # None in the motion of a machine's stop, which has that of the load
+    frequency: Float[
+        Array, "..."
+    ]  # None in a machine's stop or sum of loads, which has that of the whole load
     phase: Float[Array, "..."]
     mean: Float[Array, "..."]
 
@@ -73,7 +75,8 @@ class Harmonic(eqx.Module):
             raise ValueError(
                 f"Argument `mean` must have shape (n,) = {shape[-1:]}, but has shape {self.mean.shape}."
             )
-        check_number("frequency", self.frequency, NOT_NEGATIVE)
+        if self.frequency is not None:
+            check_number("frequency", self.frequency, NOT_NEGATIVE)
         for name in ("amplitude", "phase", "mean"):
             check_one(name, getattr(self, name), FINITE)
 
@@ -95,8 +98,20 @@ class Harmonic(eqx.Module):
         return Waves(amplitude * library.cos(phase), -amplitude * library.sin(phase))
 
     @property
-    def period(self) -> Float[Array, "..."]:
-        """Forcing period, 2 pi / W."""
-        if self.frequency is None:
-            raise ValueError("Stops have the period of the load: ask for `forcing.period` of the machine.")
-        return 2 * jnp.pi / self.frequency
+    def has_waves(self) -> bool:
+        """True for harmonics."""
+        return True
+
+    def num_columns(self, lane_axes: int = 0) -> int:
+        """Number of masses; lanes may be last."""
+        return self.amplitude.shape[self.amplitude.ndim - lane_axes - 1]
+
+    def size(self) -> Reals:
+        """Sum of all amplitudes and of the mean, (n,); lanes may be last."""
+        n = len(self.mean)
+        return abs(self.amplitude).reshape(-1, n, *self.mean.shape[1:]).sum(axis=0) + abs(self.mean)
+
+    def with_more(self, count: int) -> "Harmonic":
+        """The load, zero on some more coordinates."""
+        names = lambda load: (load.amplitude, load.phase, load.mean)  # noqa: E731
+        return eqx.tree_at(names, self, tuple(with_more_columns(a, count) for a in names(self)))

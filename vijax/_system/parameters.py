@@ -131,7 +131,10 @@ def axis_names(path: str, ndim: int) -> list[str]:
     """Names of the axes of a parameter."""
     if re.match(r"(mass|damping|stiffness|forcing|x0|v0)\b", path) is None:
         return [f"{path}.axis{k}" for k in range(ndim)]
-    return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
+    if path.endswith((".times", ".phases")):
+        return ["knot"]
+    first = ("knot" if path.endswith(".values") else "harmonic") if path.startswith("forcing") else "row"
+    return [first, "mass"][-ndim:]
 
 
 def force_parameters(whole: eqx.Module) -> dict[str, float | list | str]:
@@ -170,7 +173,7 @@ def _numbers_of_leaves(whole: eqx.Module) -> dict[str, int]:
     leaves, structure = jax.tree.flatten(whole)
     counted = jax.tree.unflatten(structure, range(len(leaves)))
     named, _ = jax.tree_util.tree_flatten_with_path(_named(counted))
-    return {_plain(jax.tree_util.keystr(keys)).lstrip("."): i for keys, i in named}
+    return {_of_sum(_plain(jax.tree_util.keystr(keys)).lstrip(".")): i for keys, i in named}
 
 
 def _named(whole: Any) -> PyTree:
@@ -192,6 +195,11 @@ def _system_of(whole: Any) -> Any:
 def _plain(path: str) -> str:
     """Path with entries of a `dict` written as fields: `args.k3` for `args['k3']`."""
     return re.sub(r"\[(['\"])(\w+)\1\]", r".\2", path)
+
+
+def _of_sum(path: str) -> str:
+    """Path in a sum of loads as users write it: `forcing[1].values`, and `forcing.frequency` of all of them."""
+    return re.sub(r"\bforcing\.common\b", "forcing.frequency", path.replace("forcing.parts[", "forcing["))
 
 
 def _check_alike(path: str, values: Iterable[Array]) -> None:

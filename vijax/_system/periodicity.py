@@ -43,8 +43,15 @@ def refuse_off_period(
         raise ValueError(_OFF_PERIOD.format(where=where, who=who))
 
 
+def refuse_without_period(system: AnySystem) -> None:
+    """Reject a load that never repeats: a table in time, or different frequencies."""
+    if system.forcing.why_not_periodic:
+        raise ValueError(system.forcing.why_not_periodic)
+
+
 def check_period(system: AnySystem, args: object, x0: Numbers, v0: Numbers) -> None:
     """Reject a load without a period, and a force of another period, where their numbers are concrete."""
+    refuse_without_period(system)
     frequency = concrete(system.forcing.frequency)
     if frequency is not None and not frequency > 0:
         raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
@@ -90,11 +97,9 @@ def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarra
     w, mass = np.asarray(system.forcing.frequency), np.asarray(system.mass)
     reach = [np.abs(np.asarray(stop.reach(0.0))) for stop in system.stops]
     of_start = np.maximum(np.abs(x), np.abs(v) / w).max(axis=0)
-    load = np.abs(np.asarray(system.forcing.amplitude))
     if system.has_full_mass:
         mass = np.linalg.eigvalsh(np.moveaxis(mass, -1, 0)).T[:1].repeat(len(mass), axis=0)
-    load = load.reshape(-1, len(mass), load.shape[-1]).max(axis=0)
-    by_load = ((load + np.abs(np.asarray(system.forcing.mean))) / (mass * w**2)).max(axis=0)
+    by_load = (np.asarray(system.forcing.size()) / (mass * w**2)).max(axis=0)
     both = np.max(np.broadcast_arrays(of_start, *reach), axis=0), by_load
     return [np.where(size > 0, size, 1.0) for size in both]
 

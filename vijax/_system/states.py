@@ -9,13 +9,10 @@ and everything that holds for a machine holds for it. y would drift, a neutral d
 at 0 (`Machine.moved`). Rejected: states of their own in the engine, a third kind of unknown in each of its formulas.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from .._jax.arrays import Numbers, as_float
 from .checks import check_shape
-from .forcing import Harmonic
 from .system import ImpactSystem
 
 
@@ -92,18 +89,8 @@ def with_states(
         mass,
         jnp.block([[system.damping, 0 - f], [0 - r, 0 - p]]),  # no -0
         jnp.block([[system.stiffness, jnp.zeros((n, m))], [0 - q, jnp.zeros((m, m))]]),
-        _with_more(system.forcing, m),
+        system.forcing.with_more(m),
         system.stops,
         friction=system.friction,
         num_states=system.num_states + m,
     )
-
-
-def _with_more(load: Harmonic, count: int) -> Harmonic:
-    """The load, zero on some more coordinates."""
-
-    def more(a: Float[Array, "..."]) -> Float[Array, "..."]:
-        return jnp.concatenate([a, jnp.zeros((*a.shape[:-1], count), a.dtype)], axis=-1)
-
-    names = lambda load: (load.amplitude, load.phase, load.mean)  # noqa: E731
-    return eqx.tree_at(names, load, tuple(map(more, names(load))))

@@ -1,7 +1,7 @@
 """The machine: masses, dampers, springs, the load, stops and contacts."""
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -27,6 +27,7 @@ from .contact import Contact
 from .force import BoundForce, as_force, bind_args, name_of_force
 from .forcing import Harmonic
 from .friction import Friction
+from .load import AbstractLoad, LoadSum
 from .stop import Stop
 
 AnyStop = Stop | Contact | CompliantStop | CompliantContact
@@ -41,8 +42,9 @@ class ImpactSystem(eqx.Module):
         damping: C, shape (n, n), any matrix: gyroscopic forces make it asymmetric, negative damping indefinite.
         stiffness: K, shape (n, n), any matrix: follower forces and feedback make it asymmetric, a buckled beam
             indefinite. Symmetric, positive semi-definite matrices are the fastest.
-        forcing: the periodic load f(t); None if there is none. Such a machine has no forcing period, which sweeps,
-            orbits and maps need: give it a load whose amplitudes are 0 to choose one.
+        forcing: the load f(t), a `vx.Harmonic`, `vx.Waveform` or `vx.Tabulated`, or a sum of such, as in `load + other`; None
+            if there is none. Such a machine has no forcing period, which sweeps, orbits and maps need: give it a load whose
+            amplitudes are 0 to choose one.
         stops: any number of `vx.Stop`, at most one on each side of a mass, `vx.Contact`, `vx.CompliantStop` and
             `vx.CompliantContact`, in any mixture; results number them in this order.
         force: any other force on the masses, a smooth JAX function of the time (a number), positions and velocities
@@ -72,7 +74,7 @@ class ImpactSystem(eqx.Module):
     mass: Float[Array, "..."]
     damping: Float[Array, "n n"]
     stiffness: Float[Array, "n n"]
-    forcing: Harmonic
+    forcing: Any  # an `AbstractLoad`, of which type checkers do not see the kind
     stops: tuple[AnyStop, ...]
     force: Callable | None
     friction: tuple[Friction, ...]
@@ -83,7 +85,7 @@ class ImpactSystem(eqx.Module):
         mass: Numbers,
         damping: Numbers,
         stiffness: Numbers,
-        forcing: Harmonic | None = None,
+        forcing: AbstractLoad | None = None,
         stops: Sequence[AnyStop] = (),
         force: Any = None,
         friction: Sequence[Friction] = (),
@@ -118,11 +120,11 @@ class ImpactSystem(eqx.Module):
             shape = getattr(self, name).shape
             if shape != (n, n):
                 raise ValueError(f"Argument `{name}` must have shape ({n}, {n}), but has shape {shape}.")
-        if self.forcing.amplitude.shape[-1] != n:
-            raise ValueError(
-                f"`forcing.amplitude` must end in the number of masses, {n}, "
-                f"but has shape {self.forcing.amplitude.shape}."
-            )
+        for path, values in _forces_of(self.forcing):
+            if values.shape[-1] != n:
+                raise ValueError(
+                    f"`{path}` must end in the number of masses, {n}, but has shape {values.shape}."
+                )
         self._check_stops()
         self._check_friction()
         self._check_values()
@@ -268,10 +270,10 @@ def machine_of(system: AnySystem) -> ImpactSystem:
 
 def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
     """Reject a `forcing` that is not a load, or `stops` or `friction` that are not lists of such."""
-    if not isinstance(forcing, Harmonic):
+    if not isinstance(forcing, AbstractLoad):
         raise ValueError(
-            "Argument `forcing` must be a `vx.Harmonic`, or None if nothing drives the machine, but is "
-            f"{forcing!r}."
+            "Argument `forcing` must be a load, a `vx.Harmonic`, `vx.Tabulated` or `vx.Waveform`, or a sum of such by `+`, or None "
+            f"if nothing drives the machine, but is {forcing!r}."
         )
     if not isinstance(stops, list | tuple) or not all(isinstance(stop, AnyStop) for stop in stops):
         raise ValueError(
@@ -284,11 +286,25 @@ def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
         )
 
 
-def _of_one_frequency(forcing: Harmonic, stops: Sequence[AnyStop]) -> tuple[Harmonic, tuple[AnyStop, ...]]:
+def _forces_of(forcing: AbstractLoad) -> Iterator[tuple[str, Array]]:
+    """Paths of the forces of all loads, and their values."""
+    for k, load in enumerate(forcing.loads):
+        name = "amplitude" if isinstance(load, Harmonic) else "values"
+        where = f"forcing[{k}]" if isinstance(forcing, LoadSum) else "forcing"
+        yield f"{where}.{name}", getattr(load, name)
+
+
+def _of_one_frequency(
+    forcing: AbstractLoad, stops: Sequence[AnyStop]
+) -> tuple[AbstractLoad, tuple[AnyStop, ...]]:
     """Keep the frequency in the load alone, so that a change there applies everywhere."""
     same = []
     for j, stop in enumerate(stops):
         if stop.motion is not None and stop.motion.frequency is not None:
+            if forcing.why_not_periodic:
+                raise ValueError(
+                    f"`stops[{j}]` moves with a period, which the load must have too. {forcing.why_not_periodic}"
+                )
             differs = stop.motion.frequency != forcing.frequency
             sentence = f"The frequency of `stops[{j}].motion` must be that of the load, `forcing.frequency`."
             known = concrete(differs)
@@ -313,7 +329,8 @@ def refuse_switching(who: str, system: ImpactSystem) -> None:
 
 def check_again(system: ImpactSystem) -> None:
     """Reject a machine whose numbers were replaced by invalid ones after it was built."""
-    for part in (system.forcing, *system.stops, *system.friction, system):
+    loads = system.forcing.loads if isinstance(system.forcing, LoadSum) else ()
+    for part in (system.forcing, *loads, *system.stops, *system.friction, system):
         for kind in type(part).__mro__:  # as Equinox does at construction
             if "__check_init__" in vars(kind):
                 vars(kind)["__check_init__"](part)
@@ -374,7 +391,7 @@ def chain(
     masses: Numbers,
     dampings: Numbers,
     stiffnesses: Numbers,
-    forcing: Harmonic | None = None,
+    forcing: AbstractLoad | None = None,
     stops: Sequence[AnyStop] = (),
     force: Any = None,
     friction: Sequence[Friction] = (),
@@ -388,7 +405,7 @@ def chain(
         masses: m, length n.
         dampings: c, length n.
         stiffnesses: k, length n.
-        forcing: the periodic load.
+        forcing: the load, see `ImpactSystem`.
         stops: the stops.
         force: any other force on the masses, see `ImpactSystem`.
         friction: the friction elements.

@@ -35,7 +35,9 @@ class Waves(eqx.Module):
         return _orders(self.num_harmonics, self.cosine) * frequency
 
     def at(self, phase: Reals) -> Reals:
-        """Sum at a phase, (rows,)."""
+        """Sum at a phase, (rows,); columns of the phase behind those of the harmonics are of loads by tables."""
+        if phase.shape[1] > self.num_harmonics:
+            phase = phase[:, : self.num_harmonics]
         return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
 
     def at_angle(self, angle: Reals) -> Reals:

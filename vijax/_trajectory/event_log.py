@@ -17,8 +17,8 @@ from .._jax.concrete import concrete
 from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import Mode, State
+from .._machine.tables import Knots
 from .._printing import as_html, as_text, describe_events
-from .._system.waves import turned
 from .batched import Writing, put
 
 if TYPE_CHECKING:
@@ -102,6 +102,7 @@ class Restarts(eqx.Module):
     v: Float[Array, "..."]
     held: Bool[Array, "..."]
     mode: Mode | None = None
+    knots: Knots | None = None
 
 
 class Log(eqx.Module):
@@ -186,6 +187,7 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
             v=rows(first.v, 0.0),
             held=rows(held, False),
             mode=jax.tree.map(lambda a: rows(a, 0), first.mode),
+            knots=jax.tree.map(lambda a: rows(a, 0), first.knots),
         ),
         instants=jax.tree.map(lambda a: rows(a, 0), nothing),
         places=jnp.zeros(room + 2 * _most_events(nothing, held.size), int),
@@ -203,7 +205,17 @@ def log_row(
     """Write one row if the instant has an event, unless so many are logged already."""
     count = add_up([jnp.sum(a, axis=0) for a in _flags_by_kind(instant)])
     is_row = live & (count > 0) & (log.num_events < max_events)
-    restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held, after.mode)
+    restart = Restarts(
+        time,
+        after.periods,
+        after.time,
+        after.phase,
+        after.x,
+        after.v,
+        after.held,
+        after.mode,
+        after.knots,
+    )
     instant = eqx.tree_at(lambda i: i.time, instant, time)
     most = _most_events(instant, len(instant.hit))
     numbers = jnp.arange(most)
@@ -342,7 +354,7 @@ def _velocities_of_stops(
     machine: Machine, instants: Instant, phases: Float[Array, "rows 2 harmonics"]
 ) -> Float[Array, "rows kinds stops"] | None:
     """Velocities of the stops at the events of every instant; None if all stand still."""
-    later = jax.vmap(jax.vmap(lambda phase, delay: turned(phase, machine.phase_at(delay)), (None, 0)))
+    later = jax.vmap(jax.vmap(machine.phase_after, (None, 0)))
     now, of_others = (over(machine.velocity_of_stops) for over in (jax.vmap, lambda f: jax.vmap(jax.vmap(f))))
     now, at_sticks = now(phases), of_others(later(phases, instants.chatter))
     if now is None or at_sticks is None:

@@ -148,7 +148,7 @@ def _begin(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest) -
     w, span = wanted, jax.lax.stop_gradient(wanted.t1 - wanted.t0)
     machine = prepare(numbers, jnp.where(span > 0, span, 1), (w.t0, w.x0, w.v0), can_stick=True)
     flow = flow.prepare(machine)
-    phase0 = machine.phase_at(w.t0)
+    phase0 = machine.phase_at_start(w.t0)
     # The map from impact to impact has its states on the stop.
     first = moving_on_contacts(machine, initial_state(flow, machine, phase0, w.x0, w.v0, w.t0))
     last_period, last_time = in_periods(machine, span)

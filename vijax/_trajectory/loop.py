@@ -256,7 +256,7 @@ def prepare_loop(
     machine = prepare(numbers, jnp.where(span > 0, span, 1), (t0, r.x0, r.v0), can_stick=choices.can_stick)
     flow = flow.prepare(machine)
     max_steps = jnp.where(r.max_steps == AUTOMATIC_MAX_STEPS, default_max_steps(machine, span), r.max_steps)
-    phase0 = machine.phase_at(t0)
+    phase0 = machine.phase_at_start(t0)
     goals = jnp.concatenate([r.goals, r.t1[None]])
     goal_periods, goal_times = in_periods(machine, goals - t0)
     first = initial_state(flow, machine, phase0, r.x0, r.v0, t0)

@@ -121,7 +121,7 @@ def _begin(
     zero = jnp.zeros_like(r.x0[0])
     one_period = 2 * jnp.pi / numbers.frequency
     machine = prepare(numbers, one_period, (zero, r.x0, r.v0), can_stick=True)
-    flow, phase0 = flow.prepare(machine), machine.phase_at(zero)
+    flow, phase0 = flow.prepare(machine), machine.phase_at_start(zero)
     count = jnp.zeros_like(r.transient)
     nothing = jnp.zeros((BLOCKS, 2 * r.x0.size), r.x0.dtype)
     carry = Growth(

@@ -21,6 +21,7 @@ from .._jax.packing import Layout, Packed, layout_of, pack
 from .._jax.xla import are_sums_in_kernels, jit_lightly
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, idle_mode, with_memory
+from .._machine.tables import KnotsLayout
 from .grazing import Grazing
 from .loop import (
     Carry,
@@ -116,15 +117,18 @@ class _Sizes(NamedTuple):
 
     num_contacts: int
     n: int
-    num_harmonics: int
+    num_columns: int
     dtype: np.dtype
     is_switching: bool
+    knots: KnotsLayout | None
 
 
 def _sizes(numbers: MachineNumbers) -> _Sizes:
     is_switching = numbers.laws is not None
     num_contacts, n = numbers.rows.shape
-    return _Sizes(num_contacts, n, numbers.waves.num_harmonics, numbers.mass.dtype, is_switching)
+    return _Sizes(
+        num_contacts, n, numbers.num_columns, numbers.mass.dtype, is_switching, numbers.knots_layout
+    )
 
 
 @lru_cache
@@ -221,7 +225,7 @@ def _has_memory(flow: AbstractFlow) -> bool:
 
 @lru_cache
 def _nothing(sizes: _Sizes) -> CallProgress:
-    num_contacts, n, num_harmonics, real_type, is_switching = sizes
+    num_contacts, n, num_columns, real_type, is_switching, knots = sizes
 
     def zeros(dtype: DTypeLike, *shape: int) -> Array:
         return jax.device_put(np.zeros(shape, dtype))
@@ -231,13 +235,14 @@ def _nothing(sizes: _Sizes) -> CallProgress:
         periods=count,
         time=real,
         time_low=real,
-        phase=zeros(real_type, 2, num_harmonics),
+        phase=zeros(real_type, 2, num_columns),
         x=zeros(real_type, n),
         v=zeros(real_type, n),
         gap=zeros(real_type, num_contacts),
         held=zeros(bool, num_contacts),
         contact=zeros(np.int8, num_contacts),
         mode=idle_mode(zeros(real_type, num_contacts)) if is_switching else None,
+        knots=None if knots is None else knots.blank(real),
     )
     return CallProgress(
         state=state,

@@ -89,7 +89,7 @@ class _Recorder(AbstractTask):
         duration = carry.duration + leg.flight.duration
         # A motion that is cut ends with a flight too.
         is_cut = (carry.steps + 1 >= self.task.most_steps) | ~finite
-        is_row = live & (happened | leg.is_goal | is_cut) if self.task.flow.flow_map_reaches_far else live
+        is_row = live & (happened | leg.is_goal | is_cut) if _is_by_flights(self.task) else live
         flight = eqx.tree_at(lambda f: f.duration, leg.flight, duration)
         row = jax.tree.map(lambda a: a[None], Record(flight, carry.periods))
         record, *_ = put(is_row, Writing(carry.record, row, carry.rows))
@@ -105,12 +105,20 @@ class _Recorder(AbstractTask):
         )
 
 
+def _is_by_flights(task: LoopTask) -> bool:
+    """True if flights from event to event are recorded; otherwise steps are, which end at knots of loads by tables."""
+    return task.flow.flow_map_reaches_far and task.machine.tables is None
+
+
 def _blank_recording(carry: Carry) -> _Recording:
     """Recording before the first step."""
     state, lanes = carry.state, carry.steps.shape
     nothing = jnp.zeros_like(state.time)
     flags = jnp.zeros(lanes, bool)
     flight = Flight(state, nothing, state.no_events, flags)
+    if state.knots is not None:
+        at_knots = jnp.zeros_like(state.knots.passed, bool)
+        flight = Flight(state, nothing, state.no_events, flags, at_knots, flags)
     count = jnp.zeros(lanes, int)
 
     def rows(a: Array) -> Array:
@@ -136,7 +144,7 @@ class RecordedFlow(AbstractFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Evaluate the flow map, or take the step again."""
-        if self.flow.flow_map_reaches_far:
+        if self.flow.flow_map_reaches_far and machine.tables is None:
             angle = speeds(state.phase, machine.frequency) * step
             change = turned(state.phase, (-2 * jnp.sin(angle / 2) ** 2, jnp.sin(angle)))
             displacement, gain = self.flow.flow_map(machine, state, hold, step, change)

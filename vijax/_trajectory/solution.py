@@ -391,6 +391,8 @@ def _from_restart(
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
     if start.mode is not None:
         state = eqx.tree_at(lambda s: s.mode, state, start.mode)
+    if start.knots is not None:
+        state = eqx.tree_at(lambda s: s.knots, state, start.knots)
     state = with_memory(state, flow.memory(state.time))
     # At a logged event time the state is the logged one to the last bit.
     then, here = in_periods(machine, t - t0), (start.periods, start.time)

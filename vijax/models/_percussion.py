@@ -116,7 +116,6 @@ def vibro_impact_harvester(
     """
     m, half = as_float(mass), as_float(travel) / 2
     weight = -m * as_float(gravity) * jnp.sin(as_float(inclination))
-    shaken = base_excitation(m[None], amplitude, frequency, phase)
-    load = Harmonic(shaken.amplitude, shaken.frequency, shaken.phase, weight[None])
+    load = base_excitation(m[None], amplitude, frequency, phase, weight[None])
     stops = [Stop(0, half, "upper", restitution), Stop(0, -half, "lower", restitution)]
     return ImpactSystem(m[None], [[0.0]], [[0.0]], load, stops)

@@ -132,7 +132,7 @@ def poses_of(
     largest = max(np.max(abs(seen)), np.max(abs(limit / unit)[:, drawn], initial=0.0))
     scale = ROOM / largest if largest > 0 and not scheme.is_pendulum else 1.0
     if load is None:
-        is_waving = scheme.waves.bound() > 0
+        is_waving = scheme.largest_varying_load > 0
         load = np.where(is_waving, 1.0, np.sign(scheme.mean))[None] * np.ones_like(x)
     else:
         load = load / (scheme.largest_load or 1.0)

@@ -3,12 +3,15 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..._machine.machine import Machine
+from ..._machine.numbers import harmonic_load_of
 from ..._machine.switching import COMPLIANT, SwitchingContacts
 from ..._system.compliant import CompliantContact, CompliantStop
 from ..._system.force import name_of_force, whole_force
+from ..._system.forcing import Harmonic
 from ..._system.restitution import (
     AbstractRestitution,
     Restitution,
@@ -29,7 +32,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         raise ValueError(
             f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
         )
-    n = system.num_masses
+    n, (mean, waves) = system.num_masses, harmonic_load_of(system)
     rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
     (stiffness, damping), omitted = _drawn(
@@ -38,9 +41,9 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
     return Scheme(
         stiffness,
         damping,
-        np.asarray(system.forcing.mean),
-        waves=jax.tree.map(np.asarray, system.forcing.waves()),
-        frequency=float(system.forcing.frequency),
+        mean,
+        waves=waves,
+        frequency=float(system.forcing.clock),
         rows=rows,
         masses=masses_of_stops(system),
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
@@ -55,9 +58,15 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
             for one in system.friction
         ),
         omitted=omitted,
-        accelerations=_accelerations(np.asarray(system.mass), np.asarray(system.forcing.mean)),
+        accelerations=_accelerations(np.asarray(system.mass), mean),
         is_hung=isinstance(system.force, PendulumWeight),
+        largest_of_tables=_largest_of_tables(system),
     )
+
+
+def _largest_of_tables(system: ImpactSystem) -> np.ndarray | None:
+    loads = [np.asarray(load.size()) for load in system.forcing.loads if not isinstance(load, Harmonic)]
+    return np.sum(loads, axis=0) if loads else None
 
 
 def _accelerations(mass: np.ndarray, mean: np.ndarray) -> np.ndarray:
@@ -102,6 +111,7 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         friction = tuple(
             Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
         )
+    tables = machine.tables
     return Scheme(
         stiffness,
         damping,
@@ -122,6 +132,8 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         accelerations=inverse @ mean if inverse.ndim == 2 else inverse * mean[: len(inverse)],
         is_hung=machine.extra is not None
         and isinstance(whole_force(machine.extra.force.force), PendulumWeight),
+        largest_of_tables=None if tables is None else np.asarray(tables.bound(0)),
+        of_tables=None if tables is None else lambda t: np.asarray(tables.load(tables.at(jnp.asarray(t)))),
     )
 
 

@@ -1,5 +1,6 @@
 """Content of a drawing of a machine."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,8 @@ class Scheme(NamedTuple):
         omitted: what the matrices lack, in words; empty if nothing.
         accelerations: M^-1 times the mean load, (n,).
         is_hung: whether the force is the weight of pendulums.
+        largest_of_tables: largest loads by tables, (n,); None if there are none.
+        of_tables: loads by tables as a function of time, (n,); likewise.
     """
 
     stiffness: np.ndarray
@@ -89,6 +92,8 @@ class Scheme(NamedTuple):
     omitted: str = ""
     accelerations: np.ndarray | None = None
     is_hung: bool = False
+    largest_of_tables: np.ndarray | None = None
+    of_tables: Callable[[float], np.ndarray] | None = None
 
     @property
     def num_masses(self) -> int:
@@ -121,7 +126,7 @@ class Scheme(NamedTuple):
         They have no links, loads or contacts but the two with their container, which is linked to something.
         """
         linked = {i for link, _ in self.links for i in (link.mass, link.other)}
-        loaded = set(np.flatnonzero(abs(self.mean) + self.waves.bound()).tolist())
+        loaded = set(np.flatnonzero(abs(self.mean) + self.largest_varying_load).tolist())
         rubbing = {i for one in self.friction for i in np.flatnonzero(one.row).tolist()}
         found = {}
         for loose in set(range(self.num_masses)) - linked - loaded - rubbing:
@@ -215,16 +220,23 @@ class Scheme(NamedTuple):
 
     def load_at(self, t: float) -> np.ndarray:
         """The load on every mass at a time, (n,)."""
-        return self.mean + self.waves.at_angle(self.frequency * t)
+        load = self.mean + self.waves.at_angle(self.frequency * t)
+        return load if self.of_tables is None else load + self.of_tables(t)
+
+    @property
+    def largest_varying_load(self) -> np.ndarray:
+        """Upper bound of the load on every mass without its mean, (n,)."""
+        waves = self.waves.bound()
+        return waves if self.largest_of_tables is None else waves + self.largest_of_tables
 
     @property
     def largest_load(self) -> float:
         """Upper bound of the load on any mass."""
-        return float(np.max(abs(self.mean) + self.waves.bound()))
+        return float(np.max(abs(self.mean) + self.largest_varying_load))
 
     def load_in_words(self, mass: int) -> str:
         """The load on a mass as a formula; empty for none."""
-        if abs(self.mean[mass]) + self.waves.bound()[mass] <= NOTHING * self.largest_load:
+        if abs(self.mean[mass]) + self.largest_varying_load[mass] <= NOTHING * self.largest_load:
             return ""
         terms = [] if self.mean[mass] == 0 else [_signed(float(self.mean[mass]))]
         for h, (cosine, sine) in enumerate(
@@ -237,6 +249,8 @@ class Scheme(NamedTuple):
                 angle = rf"{_factor(h * self.frequency)}t{shift}"
                 sign = "-" if at_pi else "+"
                 terms.append(rf"{sign} {_factor(size)}\cos({angle})")
+        if self.largest_of_tables is not None and self.largest_of_tables[mass] > 0:
+            terms.append(f"+ f_{mass}(t)")
         words = " ".join(terms[:2]).removeprefix("+ ")
         return f"${words}{' + ...' if len(terms) > 2 else ''}$"
 
