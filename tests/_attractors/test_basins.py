@@ -238,6 +238,7 @@ def test_basins_of_anything_else_are_refused():
         vx.basins(MIRRORED, {"x0[0]": [0.0]})
 
 
+@pytest.mark.thorough
 def test_starts_of_a_grid_beyond_a_stop_have_no_label():
     machine = vx.models.impact_oscillator(1.3, position=0.2, damping_ratio=0.1, restitution=0.6)
     grid = {"x0[0]": np.linspace(-0.4, 0.4, 5), "v0[0]": np.linspace(-1, 1, 3)}

@@ -9,6 +9,8 @@ from vijax._branches.membership import KnownOrbits
 from vijax._branches.point import BranchEnd
 from vijax._branches.starts import starting_orbits
 
+pytestmark = pytest.mark.thorough
+
 FREQUENCY = "forcing.frequency"
 
 

@@ -6,6 +6,7 @@ import pytest
 import vijax as vx
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [1.0, 1e2, 1e4])
 def test_friction_slides_on_while_two_masses_chatter_together(size):
     """Impacts between two masses leave their momentum: the sum of forces stops both, and then they slide back."""

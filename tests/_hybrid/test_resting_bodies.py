@@ -122,6 +122,7 @@ def test_bodies_come_to_rest_together():
     np.testing.assert_allclose(sol.v1, 0, rtol=0, atol=_ROUNDING)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mass", [[5.0, 3.0], [1.0, 1.0]])
 def test_rounding_does_not_part_beads_that_touch(mass):
     column = vx.models.bead_column(2 * np.pi * 10, 0.02, num_beads=2, restitution=0.5, mass=mass)

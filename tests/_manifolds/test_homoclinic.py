@@ -17,6 +17,8 @@ from scipy.optimize import brentq
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 DAMPING = 0.1
 GROWTH, DECAY = (-DAMPING + sign * np.sqrt(DAMPING**2 + 1) for sign in (1, -1))
 
@@ -70,6 +72,7 @@ def test_the_homoclinic_motion_leads_from_the_saddle_and_back(touching):
             np.testing.assert_allclose(end, after, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.0, pytest.param(0.8, marks=pytest.mark.slow)])
 def test_along_the_frequency_and_without_rebound(restitution):
     amplitude = touching_amplitude(1.5, restitution)

@@ -163,6 +163,7 @@ def assert_is(orbit, x, v, speed, step):
     np.testing.assert_allclose(found, [np.trace(step), np.linalg.det(step)], rtol=0, atol=CLOSED_FORM)
 
 
+@pytest.mark.thorough
 def test_the_orbit_that_sticks_is_that_in_closed_form():
     exact = sticking_orbit()
     orbit = vx.periodic_orbit(exact.problem.system, [0.0], [0.0], max_events=ROOM)

@@ -249,6 +249,7 @@ def test_a_start_is_checked_while_the_stiffness_alone_is_traced():
         jax.jit(lambda k: end(k, 0.4))(1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("row", [0, {0: 1.0, 1: -1.0}])
 def test_a_run_goes_on_from_masses_at_rest_on_a_stop_at_zero(row):
     """What rounding left of their motion is far below the smallest length of the machine."""

@@ -184,6 +184,7 @@ def test_friction_ends_bounces_on_a_cushion_alike_in_small_units():
     np.testing.assert_allclose(other.events.t / time, one.events.t, rtol=ROUNDING)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("has_friction", [False, True])
 def test_a_mass_sticks_to_one_of_two_stops_in_lengths_of_a_millionth(has_friction):
     """Gaps are as small as bounces are light, in those units: the other stop is not near for all that."""

@@ -9,6 +9,8 @@ from jax import Array
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 # Step of one-sided differences, and their error.
 STEP, BY_DIFFERENCES = 1e-6, 2e-5
 GRAVITY, RESTITUTION = 9.81, 0.7

@@ -71,6 +71,7 @@ def test_the_ends_of_an_impact_damper_keep_the_momentum():
     np.testing.assert_allclose(relative[1], -DAMPER["restitution"] * relative[0], rtol=0, atol=ORBIT)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("w", [0.98, 1.0])
 def test_an_impact_damper_that_is_hit_as_periods_end_repeats_after_one(w):
     phase, x, v, _ = symmetric(w, 0.1, **DAMPER)

@@ -81,6 +81,7 @@ def test_regions_and_planes(planes):
     assert_same_picture(lambda ds: vx.plot.plane(ds.num_impacts.sum("stop")), planes)
 
 
+@pytest.mark.thorough
 def test_basins_and_sections():
     values = {"x0[0]": np.linspace(-0.2, 0.2, 3), "v0[0]": np.linspace(-0.5, 0.5, 2)}
     options = {"transient": 30, "record": 4, "progress": False}

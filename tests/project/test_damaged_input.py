@@ -224,6 +224,7 @@ def test_datasets_of_branches(followed, data):
     says_what_to_do(data.draw(st.sampled_from(OF_BRANCHES)), data.draw(damaged_datasets(followed)))
 
 
+@pytest.mark.thorough
 @FEW
 @given(data=st.data())
 def test_stores_give_the_same_or_a_sentence(swept, tmp_path_factory, data):
