@@ -18,16 +18,7 @@ from .point import (
     is_followed,
 )
 from .test_functions import TestFunction, tests_of
-
-# Lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
-_OFF = 1e-7, 1e-8, 1e-9, 1e-10
-# Size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one, both
-# vanish as the square of what tells the cycles apart.
-_TOGETHER = 1e-7
-# Times, in forcing periods, by which such impacts come before their touch.
-_EARLIER = 1e-4, 1e-5, 1e-3
-# Distance behind an event that is no jump, and share of the way to it at which a larger one must be smaller.
-_JUMP, _NEARER = 1e-5, 0.1
+from .tolerances import EARLIER_IMPACTS, JUMP_NEARER, NO_JUMP, STEP_OFF, VANISHES_TOGETHER
 
 
 def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
@@ -37,7 +28,7 @@ def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
     """
     positions, velocities = np.split(np.abs(event.seen.start), 2)
     sizes: dict[str, float] = {Kind.TOUCH: positions.max(), Kind.GRAZING: velocities.max()}
-    size = _TOGETHER * (1.0 if test.of_flight else sizes.get(test.kind, 0.0))
+    size = VANISHES_TOGETHER * (1.0 if test.of_flight else sizes.get(test.kind, 0.0))
     return [
         one.index
         for one in tests_of(event.sequence)
@@ -56,7 +47,7 @@ def with_earlier_impacts(
     is_impact = np.isin(np.arange(len(place.flights)), impacts).astype(float)
     sum_of_times = np.cumsum(is_impact[::-1])[::-1]
     weights = ExtendedCycle(0 * place.z, sum_of_times, 0 * place.p)
-    for earlier in _EARLIER:
+    for earlier in EARLIER_IMPACTS:
         guess = place._replace(flights=place.flights - earlier * np.diff(is_impact, prepend=0.0))
         new = yield from followed_beside(event, sequence, guess, weights)
         if new is not None:
@@ -93,7 +84,7 @@ def oriented(
     return (yield from step_off(at, ahead(at) > 0))
 
 
-def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = _OFF) -> KernelRequests:
+def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = STEP_OFF) -> KernelRequests:
     """A point close behind, in the direction of the tangent or the opposite one."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in lengths:
@@ -110,9 +101,9 @@ def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] 
 def is_joined(event: BranchPoint, new: BranchPoint) -> KernelRequests:
     """False if the cycles on the events of a new point keep their distance from an event as their parameter comes near."""
     away = np.abs(new.place.z - event.place.z).max()
-    if away < _JUMP:
+    if away < NO_JUMP:
         return True
-    p = event.place.p + _NEARER * (new.place.p - event.place.p)
+    p = event.place.p + JUMP_NEARER * (new.place.p - event.place.p)
     seen = yield from at_parameter(new.sequence, new.place._replace(p=np.asarray(p)), float(p))
     is_nearer = np.abs(seen.found.place.z - event.place.z).max() < away / 2
     return bool(is_nearer or not seen.found.is_converged)

@@ -7,15 +7,11 @@ from .kernels import LocatedState, location_on, trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .sequence_edits import are_alike
-from .steps import MIN_TANGENT_COSINE
-
-# `_AGAIN`: distance within which two cycles are the same.
-# `_SAME`: distance within which a state has returned in a cycle that repeats a shorter one.
-_AGAIN, _SAME = 1e-8, 1e-6
+from .tolerances import LEAST_COSINE, RETURNED, SAME_CYCLE
 
 
 def repetitions_of(
-    sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = _SAME
+    sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = RETURNED
 ) -> KernelRequests:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one, within a distance."""
     num_periods = _finite(num_periods)
@@ -58,13 +54,13 @@ def is_at_start(
         return False
     tangent, ds = point.tangent, new.arc - point.arc
     s = start.place.along(tangent) - point.place.along(tangent)
-    if not 0 < s <= ds or start.tangent.along(tangent) < MIN_TANGENT_COSINE:
+    if not 0 < s <= ds or start.tangent.along(tangent) < LEAST_COSINE:
         return False
     if start.place.distance(between(point, new, s / ds)) > ds:  # at the level of the step, but far from it
         return False
     seen = yield from on_plane(point, start.place, s)
     found = trimmed(seen.found.place, len(point.sequence.kind))
-    return bool(seen.found.is_converged and found.distance(start.place) < _AGAIN)
+    return bool(seen.found.is_converged and found.distance(start.place) < SAME_CYCLE)
 
 
 def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
@@ -80,7 +76,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
             continue
         for n in range(_finite(walk.num_periods)):
             located: LocatedState = yield location_on(last.sequence, last.place, float(n))
-            if np.abs(located.z - old.place.z).max() < _AGAIN and (n > 0 or _is_same_way(old, last)):
+            if np.abs(located.z - old.place.z).max() < SAME_CYCLE and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]
     return None
@@ -88,7 +84,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
 
 def _may_be_same(old: BranchPoint, new: BranchPoint) -> bool:
     """True if kind, parameter and events agree: close grazings of different sequences are different points."""
-    is_near = old.kind == new.kind and abs(old.place.p - new.place.p) < _AGAIN
+    is_near = old.kind == new.kind and abs(old.place.p - new.place.p) < SAME_CYCLE
     return bool(is_near and _events(old.sequence) == _events(new.sequence))
 
 
@@ -99,4 +95,4 @@ def _events(sequence: Sequence) -> list[tuple[int, int]]:
 
 def _is_same_way(old: BranchPoint, new: BranchPoint) -> bool:
     """True if a branch passes a point twice in the same direction, unlike where it crosses itself."""
-    return bool(old.tangent.along(new.tangent) > MIN_TANGENT_COSINE)
+    return bool(old.tangent.along(new.tangent) > LEAST_COSINE)

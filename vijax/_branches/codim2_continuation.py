@@ -16,20 +16,21 @@ from .defining_systems import AtEvent, AtTurn, DefiningSystem, Plane
 from .kernels import KernelCall, location_on, padded, simulation_of, trimmed
 from .kinds import End
 from .parameter_family import ExtendedCycle
-from .point import TRUSTED
 from .scheduler import answer
 from .sequence_edits import passed_section, shifted
+from .tolerances import (
+    CURVE_IS_BACK,
+    CURVE_ON_BOUND,
+    FIRST_ON_CURVE,
+    LEAST_COSINE,
+    LONGEST_ON_CURVE,
+    SHORTEST_ON_CURVE,
+    TRUSTED,
+)
 
-# `_FIRST`: length of the first step.
-# `_LONGEST`: length of the longest.
-# `_SHORTEST`: length of the shortest.
-_FIRST, _LONGEST, _SHORTEST = 2e-3, 2e-2, 1e-9
-# `_TURN`: cosine of the largest angle between the tangents at the ends of a step.
 # `_FEW`: largest number of Newton iterations after which steps grow.
 # `_MANY`: largest number of Newton iterations of an accepted step.
-_TURN, _FEW, _MANY = 0.98, 4, 7
-# Distance within which a point lies on a bound, in the scale of the parameters.
-_ON_BOUND = 1e-12
+_FEW, _MANY = 4, 7
 
 
 class CurveState(NamedTuple):
@@ -118,9 +119,9 @@ class Curve:
 
     def follow(self, begun: CurveState, bar: tqdm, found: list[CurveState]) -> str:
         """Append the points in the direction of `begun` to `found`; return why they end."""
-        here, ds, why = begun, _FIRST, ""
+        here, ds, why = begun, FIRST_ON_CURVE, ""
         while len(found) < self.most:
-            if ds < _SHORTEST:
+            if ds < SHORTEST_ON_CURVE:
                 return why
             new = _step(here, ds)
             if new is None:
@@ -143,7 +144,7 @@ class Curve:
             if len(found) > 2 and _is_back(begun.at, here.at, new.at):
                 return End.CLOSED
             here = found[-1]
-            ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
+            ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), LONGEST_ON_CURVE)
         return End.MAX_POINTS
 
     def _at_bound(self, here: CurveState, new: CurvePoint) -> CurveNeighbourhood | None:
@@ -153,7 +154,7 @@ class Curve:
             ((bound - p[k]) / (ahead[k] - p[k]), k, bound)
             for k, bounds in enumerate(self.box)
             for bound, side in zip(bounds, (-1, 1), strict=True)
-            if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -_ON_BOUND
+            if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -CURVE_ON_BOUND
         ]
         if not crossed:
             return here.seen if np.any((ahead < self.box[:, 0]) | (ahead > self.box[:, 1])) else None
@@ -193,7 +194,7 @@ def _step(here: CurveState, ds: float) -> CurveNeighbourhood | None:
     """Next point, or None if the curve is too curved for such a step."""
     new = here.ahead(ds)
     at = new.at
-    is_sound = at.is_found and at.tangent @ here.at.tangent > _TURN and at.num_steps <= _MANY
+    is_sound = at.is_found and at.tangent @ here.at.tangent > LEAST_COSINE and at.num_steps <= _MANY
     return new if is_sound else None
 
 
@@ -207,11 +208,11 @@ def _is_followed(here: CurveState) -> bool:
 
 def _is_back(begun: CurvePoint, here: CurvePoint, new: CurvePoint) -> bool:
     """True if a step passes the first point of the curve."""
-    if len(begun.y) != len(new.y) or begun.tangent @ new.tangent < _TURN:
+    if len(begun.y) != len(new.y) or begun.tangent @ new.tangent < LEAST_COSINE:
         return False
     way, passed = new.y - here.y, begun.y - here.y
     share = (passed @ way) / (way @ way)
-    return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < 0.1 * np.linalg.norm(way))
+    return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < CURVE_IS_BACK * np.linalg.norm(way))
 
 
 def _in_section(here: CurveState) -> CurveState:

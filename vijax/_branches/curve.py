@@ -19,9 +19,7 @@ from .defining_systems import AtBranchPoint, DefiningSystem
 from .kinds import End
 from .parameter_family import ExtendedCycle
 from .starts import family_of, starting_orbits
-
-# Largest rate of the unfolding along a curve on which branches keep crossing.
-_KEPT = 1e-6
+from .tolerances import CROSSING_KEPT
 
 
 @padding_allowed
@@ -115,7 +113,7 @@ def _with_second_parameter(
 
 def _check_crossing(begun: CurveState, path: str) -> None:
     """Refuse a branch point whose branches part when the second parameter varies."""
-    if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > _KEPT:
+    if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > CROSSING_KEPT:
         raise ValueError(
             f"The branches of this point cross by a symmetry that `{path}` breaks: they part, and it has no curve. "
             "Take a parameter that keeps the symmetry."

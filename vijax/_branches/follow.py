@@ -19,7 +19,6 @@ from .kinds import End, Kind, public_kind
 from .locate import first_event, is_passed, special_points
 from .parameter_family import ExtendedCycle
 from .point import (
-    TRUSTED,
     BranchEnd,
     BranchPoint,
     DirectedBranch,
@@ -36,25 +35,24 @@ from .sequence_switching import (
     in_section,
     with_simulated_bounces,
 )
-from .steps import PROBE, SHORTEST, PlainSteps, Tried
+from .steps import PlainSteps, Tried
 from .test_functions import TestFunction, crossings, kind_at, tests_of, without_echoes
+from .tolerances import (
+    FALLING_RATE,
+    ON_BOUND,
+    ON_EVENT,
+    ORBIT_AT,
+    ORBIT_NEAR,
+    PROBE_STEP,
+    SEPARATE_EVENTS,
+    SHORTER_AT_EVENT,
+    SHORTER_BEHIND,
+    SHORTEST_STEP,
+    TRUSTED,
+    VANISHING_STICK,
+)
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
-# Longest step on which several events are accepted; a longer one is halved to separate them.
-_SEPARATE = 1e-4
-# Duration of a stick, in forcing periods, below which it vanishes at that point.
-_VANISHING_STICK = 1e-5
-# Distance from a bound, in the scaled parameter, within which an event lies on it.
-_ON_BOUND = 1e-8
-# _NEAR: largest distance between a given orbit and its corrected cycle.
-# _AT: largest distance between their scaled parameters.
-_NEAR, _AT = 1e-3, 1e-9
-# _ROUNDED: size of a test function below which a given orbit lies on the event.
-# _FALLING: its least rate along the branch there; it does not only touch zero.
-_ROUNDED, _FALLING = 1e-12, 1e-6
-# `_SHORTER`: distance below which a cycle repeats a shorter one at an event, as exactly as events are located.
-# `_EXACT`: the same behind the event, where others nearly do.
-_SHORTER, _EXACT = 1e-8, 1e-11
 # Factor of the room for events of an orbit where it was too little.
 _MORE = 2
 # Most points of a walk back to where a stick vanishes.
@@ -77,7 +75,7 @@ def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> KernelReq
     for ask in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
         seen = yield from ask
         away = np.abs(seen.found.place.z - place.z).max()
-        if seen.found.is_converged and away < _NEAR and abs(seen.found.place.p - p) < _AT:
+        if seen.found.is_converged and away < ORBIT_NEAR and abs(seen.found.place.p - p) < ORBIT_AT:
             return BranchPoint.of(sequence, seen, 0.0)
     return None
 
@@ -92,18 +90,18 @@ def follow_branch(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
 
 def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
     walk.rounds = yield from repetitions_of(start.sequence, start.place, walk.num_periods)
-    point, ds = (yield from _behind_event_at_start(walk, start)), PROBE
+    point, ds = (yield from _behind_event_at_start(walk, start)), PROBE_STEP
     while not walk.is_full:
         point, ds, tried = yield PlainSteps(walk, start, point, ds)
         if walk.is_full:
             break
         step, ds = yield from _resolved_step(walk, point, ds, tried)
         if step is None:
-            point, ds = (yield from _continue_behind_hop(walk, point)), PROBE
+            point, ds = (yield from _continue_behind_hop(walk, point)), PROBE_STEP
             continue
         yield from _add_special(walk, point, step)
         if step.event is not None:
-            point, ds = (yield from _continue_behind_event(walk, *step.event)), min(ds, PROBE)
+            point, ds = (yield from _continue_behind_event(walk, *step.event)), min(ds, PROBE_STEP)
             continue
         if (yield from is_at_start(walk, start, point, step.last)):
             raise BranchEnd(End.CLOSED)
@@ -117,7 +115,7 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
 def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
     """The start, or the point behind its event: given orbits may lie on one, where a test function is rounding and falls."""
     for test in tests_of(start.sequence):
-        if test.rate and abs(test.of(start.seen)) < _ROUNDED and test.rate(start.seen) < -_FALLING:
+        if test.rate and abs(test.of(start.seen)) < ON_EVENT and test.rate(start.seen) < -FALLING_RATE:
             event = start._replace(kind=kind_at(test, start.sequence, start.seen))
             return (yield from _continue_behind_event(walk, test, event))
     return start
@@ -126,17 +124,17 @@ def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> KernelRe
 def _has_lost_stick(confirmed: BranchPoint, point: BranchPoint) -> bool:
     """True if the last bounces of a chatter are added, but the stick behind them has vanished."""
     before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (confirmed, point))
-    return bool(after < before and 0 < shortest_stick(confirmed) < _VANISHING_STICK)
+    return bool(after < before and 0 < shortest_stick(confirmed) < VANISHING_STICK)
 
 
 def _resolved_step(
     walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
 ) -> KernelRequests:
-    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST` is.
+    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST_STEP` is.
 
     The first one may have been tried already.
     """
-    while ds >= SHORTEST:
+    while ds >= SHORTEST_STEP:
         try:
             step = yield from _step(walk, point, ds, tried)
         except TooManyEvents:
@@ -169,7 +167,7 @@ def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Kern
     """Add the bifurcations of a step; end at a bound, or at the period doubling where a doubled branch ends."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
-        is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < _ON_BOUND)
+        is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < ON_BOUND)
         # At the bound restitution = 0, for instance, all impacts whose speed it makes vanish do so at once.
         is_at_it = is_near and found is last and step.event is not None
         if is_at_it or not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
@@ -183,7 +181,7 @@ def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Kern
 
 def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
     """End the branch where no step is short enough."""
-    if 0 < shortest_stick(point) < _VANISHING_STICK:
+    if 0 < shortest_stick(point) < VANISHING_STICK:
         # Sticks vanish faster than they shorten: the rest of the way is rounding.
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
@@ -240,7 +238,7 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | No
     if any(is_passed(test, last) for test in crossed if test not in met):
         return None  # a guard that vanishes before the event with which it seemed to vanish
     special, is_whole = yield from special_points(walk, point, last)
-    if not is_whole and ds > _SEPARATE:
+    if not is_whole and ds > SEPARATE_EVENTS:
         return None
     return Step(last, confirmed, followed, event, special, tried.next_length)
 
@@ -281,7 +279,7 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
     yield from _end_if_repeated(walk, (yield from _add(walk, event)))
     if test.kind in (Kind.TOUCH, Kind.GRAZING):
         free = yield from without_impacts(event)
-        is_shorter = yield from is_shorter_at(event, walk.num_periods, walk.rounds, _SHORTER)
+        is_shorter = yield from is_shorter_at(event, walk.num_periods, walk.rounds, SHORTER_AT_EVENT)
         if is_shorter:
             return (yield from _beyond(event, free))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
@@ -292,7 +290,7 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
         new = yield from by_sequence(walk, test, event)
     except BranchEnd:
         new = yield from continue_by_simulation(event)
-    rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, _EXACT)
+    rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, SHORTER_BEHIND)
     # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events has none.
     if rounds > walk.rounds and len(new.sequence.kind):
         raise BranchEnd(public_kind(event.kind))

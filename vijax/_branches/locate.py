@@ -10,7 +10,6 @@ from .kinds import End, Kind
 from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .singular import branch_point, end_of_doubled
 from .test_functions import (
-    CLOSE,
     TESTS_OF_NEIGHBOURS,
     TestFunction,
     is_between_events,
@@ -19,15 +18,7 @@ from .test_functions import (
     num_on_circle,
     num_unstable,
 )
-
-# Distance of the point just before a change of the sequence.
-_OFF = 1e-7
-# Size of a test function that is zero, relative to that at the beginning of the step.
-_ZERO = 1e-6
-# Size of one that is zero where others vanish with it by a symmetry: the equations determine its square.
-_SQUARE = 1e-7
-# Size from which a multiplier that changes sign on a step passes infinity, not zero.
-_LARGE = 1e2
+from .tolerances import AT_BIFURCATION, JUST_BEFORE, LARGE_MULTIPLIER, SQUARE_ZERO, ZERO
 
 
 def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -> KernelRequests:
@@ -44,8 +35,8 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
             # The functions of other events may jump behind the first.
-            least = 0.0 if is_between_events(test) else _SQUARE
-            if len(met) > 1 and not abs(test.of(event.seen)) < max(_ZERO * test.of(point.seen), least):
+            least = 0.0 if is_between_events(test) else SQUARE_ZERO
+            if len(met) > 1 and not abs(test.of(event.seen)) < max(ZERO * test.of(point.seen), least):
                 raise BranchEnd(End.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
@@ -53,7 +44,7 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
 
 def is_passed(test: TestFunction, point: BranchPoint) -> bool:
     """True if the guard of a test function has vanished before a point, by more than rounding."""
-    return is_between_events(test) and bool(test.of(point.seen) < -_SQUARE)
+    return is_between_events(test) and bool(test.of(point.seen) < -SQUARE_ZERO)
 
 
 def _share(before: float, after: float) -> float:
@@ -97,8 +88,8 @@ def _slope(test: TestFunction, point: BranchPoint, at: BranchPoint) -> float:
 
 def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:
     """The point just before a change of the sequence, at which multipliers may be infinite."""
-    s = event.arc - point.arc - _OFF
-    if s <= _OFF:
+    s = event.arc - point.arc - JUST_BEFORE
+    if s <= JUST_BEFORE:
         return point
     seen = yield from on_plane(point, event.place, s)
     return BranchPoint.of(point.sequence, seen, point.arc + s)
@@ -138,7 +129,7 @@ def _is_hidden(point: BranchPoint, found: list[BranchPoint]) -> bool:
 
 def _passes_infinity(before: complex, after: complex) -> bool:
     """True if the largest multiplier passes infinity, where functions of multipliers change sign as well."""
-    is_large = min(abs(before), abs(after)) > _LARGE
+    is_large = min(abs(before), abs(after)) > LARGE_MULTIPLIER
     return bool(is_large and np.sign(before.real) != np.sign(after.real))
 
 
@@ -148,4 +139,4 @@ def _is_there(test: TestFunction, seen: CorrectedCycle) -> bool:
     if test.kind == Kind.NEIMARK_SACKER:
         return num_on_circle(mu) > 0
     wanted: dict[str, int] = {Kind.PERIOD_DOUBLING: -1, Kind.BRANCH_POINT: 1}
-    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < CLOSE))
+    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < AT_BIFURCATION))

@@ -16,15 +16,8 @@ from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, correct
 from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, families_of, value_of
+from .tolerances import MEMBER_NEAR, MEMBER_SAME, SAME_PARAMETER
 
-# _NEAR: largest distance from an orbit to a point, in chords to its neighbour or beside, at which the branch is corrected
-# there: where both states of a mass turn back, a chord is short.
-# (Rejected: to accept an orbit near a chord. Where an impact passes the start of the cycle the chord leads nowhere, and
-# between two branches it leads to both.)
-# _SAME: relative distance below which two states are equal.
-_NEAR, _SAME = 1.0, 1e-6
-# Relative distance of equal parameters.
-_ROUNDING = 1e-12
 # Most trials to find the cycle at a parameter between two points.
 _TRIALS = 40
 
@@ -85,14 +78,16 @@ class KnownOrbits:
                 self._values[orbit] = value_of(self._starts[orbit].system, branch.path)
             p = self._values[orbit]
             # An orbit at a bound is at the last point of the branch, up to the rounding of the scaled parameter.
-            before = np.where(np.abs(values - p) <= _ROUNDING * abs(p), 0, values - p)
+            before = np.where(np.abs(values - p) <= SAME_PARAMETER * abs(p), 0, values - p)
             between = np.flatnonzero(before[:-1] * before[1:] <= 0)
             states = self._states(orbit) if between.size else np.zeros(0)
             size = np.abs(states).max(initial=0)
             chords = np.abs(np.diff(z, axis=0)).max(axis=1)
             for k in between:
                 away = min(np.abs(states - z[end]).max(axis=1).min() for end in (k, k + 1))
-                if away <= _NEAR * chords[max(k - 1, 0) : k + 2].max() + _SAME * size:
+                # Where both states of a mass turn back, a chord is short. (Rejected: to accept an orbit near a chord. Where an
+                # impact passes the start of the cycle the chord leads nowhere, and between two branches it leads to both.)
+                if away <= MEMBER_NEAR * chords[max(k - 1, 0) : k + 2].max() + MEMBER_SAME * size:
                     yield _Chance(orbit, p, states, branch, number, int(k))
 
     def _states(self, orbit: int) -> np.ndarray:
@@ -156,7 +151,7 @@ def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: Correcte
     except BranchEnd:
         return False
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
-    return bool(away < _SAME * np.abs(chance.states).max())
+    return bool(away < MEMBER_SAME * np.abs(chance.states).max())
 
 
 def _states(start: Start) -> np.ndarray:

@@ -28,12 +28,11 @@ from .point import BranchPoint, DirectedBranch, KernelRequests, PlainPoint, betw
 from .scheduler import drive
 from .sequence_edits import are_alike
 from .sequence_switching import in_section
+from .tolerances import ZERO
 
 # Monitors by name, and conditions: kinds of special points, or functions of the branch so far.
 Monitors = Mapping[str, Callable[[Solution], Any]]
 Stop = PublicKind | str | Many[PublicKind | str] | Mapping[str, str | Callable[[Branch], Any]]
-# Value at a zero, relative to those at the ends of its bracket; a function that jumps has a larger one.
-_ZERO = 1e-6
 
 
 class Watched(NamedTuple):
@@ -221,7 +220,7 @@ def _zero_between(
         if not np.isfinite(value):
             return None
         bracket = bracket.narrowed(s, value)
-    if best is None or not abs(value) <= _ZERO * max(map(abs, ends)):
+    if best is None or not abs(value) <= ZERO * max(map(abs, ends)):
         return None
     return (yield from in_section(best, num_periods))
 

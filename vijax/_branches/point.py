@@ -12,11 +12,7 @@ from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, KernelCall, SimulatedMotion, corrected_cycle, simulation_of, trimmed
 from .kinds import End
 from .parameter_family import ExtendedCycle
-
-# Largest multiplier of a cycle up to which a simulation decides whether the machine follows it.
-TRUSTED = 1e4
-# Longest step unless another is requested, along the scaled parameter or for a cycle of size 1.
-LONGEST = 5e-2
+from .tolerances import LONGEST_STEP
 
 KernelRequests = Generator[Any, Any, Any]
 
@@ -150,7 +146,7 @@ class DirectedBranch:
     num_periods: float
     bounds: tuple[float, float]
     max_points: int
-    longest: float = LONGEST
+    longest: float = LONGEST_STEP
     points: list[BranchPoint | PlainPoint] = field(default_factory=list)
     cascade: list[tuple[int, BranchPoint]] = field(default_factory=list)
     rounds: int = 1

@@ -48,16 +48,13 @@ from .sequence_edits import (
 )
 from .switching_changes import by_switching, events_behind_touches
 from .test_functions import TestFunction
+from .tolerances import LIGHTEST_FLIGHT, TRIALS_AHEAD
 
 # Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
 Rounds = tuple[int, float]
 
-# Shortest flight, in forcing periods, of a cycle to whose chatters bounces are added: the rest of them is rounding.
-_LIGHTEST = 1e-7
 # Room for new events: an interrupted stick ends in another chatter.
 _MORE = 40, 200
-# Distances at which the machine is simulated where no step leads off.
-_TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 
 
 def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> KernelRequests:
@@ -156,7 +153,7 @@ _CHANGES: dict[str, Callable] = {
 
 def continue_by_simulation(event: BranchPoint) -> KernelRequests:
     """The point a short way ahead, with the events of the simulated machine."""
-    for ds in _TRIALS:
+    for ds in TRIALS_AHEAD:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
         new = yield from _on_simulated_events(event._replace(place=guess), followed)
@@ -166,7 +163,7 @@ def continue_by_simulation(event: BranchPoint) -> KernelRequests:
         if is_near and (yield from is_followed(new)) and (yield from is_joined(event, new)):
             return new._replace(kind="", arc=event.arc + ds)
     # Behind a kink the branch may not come to these planes.
-    for ds in _TRIALS:
+    for ds in TRIALS_AHEAD:
         for side in (1, -1):
             new = yield from _at_parameter_beside(event, side * ds)
             if new is not None:
@@ -231,7 +228,7 @@ def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
 def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> KernelRequests:
     """The point with as many bounces in its chatters as the machine has there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
-    is_light = np.min(point.place.flights, initial=np.inf) < _LIGHTEST
+    is_light = np.min(point.place.flights, initial=np.inf) < LIGHTEST_FLIGHT
     more = num_events - len(point.sequence.kind)
     if not followed.is_alike or more == 0 or (is_light and more > 0):
         return point

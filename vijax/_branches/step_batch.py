@@ -19,7 +19,8 @@ from .kernels import (
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, PlainPoint
 from .step_kernel import Stepped, StepRequest, blank_cycle
-from .steps import SHORTEST, PlainSteps, StepLimits, Tried
+from .steps import PlainSteps, StepLimits, Tried
+from .tolerances import SHORTEST_STEP
 
 # Kernels of which `take_steps` consists.
 PARTS = corrected_cycle, simulate_motion
@@ -189,7 +190,7 @@ class _Stepper:
 
     def is_answered(self, stepped: Stepped, k: int) -> bool:
         """True unless it may take more plain steps."""
-        is_over = _is_only_tried(stepped, k) or stepped.next_ds[k] < SHORTEST
+        is_over = _is_only_tried(stepped, k) or stepped.next_ds[k] < SHORTEST_STEP
         return bool(self.request.is_trial or self.request.walk.is_full or is_over)
 
     def reply(self, stepped: Stepped, k: int) -> tuple[BranchPoint, float, Tried | None]:

@@ -16,9 +16,7 @@ from .point import BranchPoint, DirectedBranch, KernelRequests, correct_with_fre
 from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
-
-# Distances along the other branch, relative to the size of the motion; the first that the machine follows counts.
-_TRIALS = 1e-3, 1e-4, 1e-2
+from .tolerances import TRIALS_ON_OTHER
 
 
 @padding_allowed
@@ -94,7 +92,7 @@ def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> KernelRequest
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     seen = yield from correct_with_free_parameter(once, place._replace(flights=place.flights[:num]))
     at = BranchPoint.of(once, seen, 0.0)
-    return (yield from first_followed(once, at.place, at.tangent, _TRIALS))
+    return (yield from first_followed(once, at.place, at.tangent, TRIALS_ON_OTHER))
 
 
 def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
@@ -107,7 +105,7 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     for is_hit in hits_of(touch, start.num_periods):
         num_periods = len(is_hit) * touch.num_periods
         longer = family_of(start._replace(num_periods=num_periods), path, value - 1, value + 1)
-        (other,) = drive([longer], [leave(*repeated(touch, is_hit), _TRIALS)], lambda: None)
+        (other,) = drive([longer], [leave(*repeated(touch, is_hit), TRIALS_ON_OTHER)], lambda: None)
         orbits += [] if other is None else [_orbit(longer, other)]
     return orbits
 
@@ -125,5 +123,5 @@ def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> KernelRequ
     kept = np.r_[: size + num_events]
     direction = np.linalg.svd(matrix[np.ix_(kept, kept)])[2][-1]
     along = ExtendedCycle(direction[:size], direction[size:], np.zeros(()))
-    lengths = tuple(side * ds for ds in _TRIALS)
+    lengths = tuple(side * ds for ds in TRIALS_ON_OTHER)
     return (yield from first_followed(sequence, place, along, lengths))

@@ -20,17 +20,12 @@ from .parameter_family import ExtendedCycle
 from .point import BranchEnd, BranchPoint, KernelRequests, is_followed
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
+from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
 # Modes of friction that slips, each with that of the opposite direction.
 _OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
-# Lengths of the step off a slow impact beside friction: the machine takes one below 1e-6 for the end of a chatter.
-_OFF_LIGHT = 1e-4, 1e-5, 1e-6
-# Durations, in forcing periods, of a new contact behind its first touch.
-_CONTACTS = 1e-4, 1e-5, 1e-3
-# Time within which two events are at once, in forcing periods.
-_AT_ONCE = 1e-6
 
 
 def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
@@ -66,7 +61,7 @@ def events_behind_touches(event: BranchPoint, stops: list[int]) -> tuple[Sequenc
     """The events behind a touch of rigid stops, and the numbers of the new impacts; one replaces friction's turn there."""
     sequence, place, impacts = event.sequence, event.place, []
     for (flight, time), stop in sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]:
-        turns = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - time) < _AT_ONCE)
+        turns = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - time) < EVENTS_AT_ONCE)
         if turns.any():
             impact = int(np.argmax(turns))
             sequence = with_other_kind(sequence, impact, IMPACT, stop)
@@ -86,7 +81,7 @@ def _events_behind_lost_impacts(event: BranchPoint, lost: list[int]) -> tuple[Se
             return None
         sequence = with_other_kind(sequence, k, TURN, int(turned[0]))
         ends = k + 1 < len(sequence.kind) and sequence.stop[k + 1] == turned[0]
-        if ends and abs(place.flights[k + 1]) < _AT_ONCE:  # it stops at once
+        if ends and abs(place.flights[k + 1]) < EVENTS_AT_ONCE:  # it stops at once
             sequence, place = with_events_merged(sequence, place, k + 1)
     return sequence, place
 
@@ -96,7 +91,7 @@ def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: Extended
     at = yield from corrected_on_sequence(sequence, place, event)
     for is_ahead in (True, False):
         try:
-            new = yield from step_off(at, is_ahead, _OFF_LIGHT)
+            new = yield from step_off(at, is_ahead, STEP_OFF_LIGHT)
         except BranchEnd:
             continue
         if (yield from is_followed(new)):
@@ -108,7 +103,7 @@ def _with_contacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
     """Continue behind the touch of compliant contacts: each closes and opens, with a given short time between."""
     touches = sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]
     for opening in (OPEN, OPEN + SECOND):
-        for duration in _CONTACTS:
+        for duration in NEW_CONTACTS:
             sequence, place = event.sequence, event.place
             lasts = 0 * place.flights
             for (flight, time), stop in touches:
