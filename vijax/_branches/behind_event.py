@@ -8,15 +8,8 @@ from .._orbits.sequence import Sequence
 from .kernels import trimmed
 from .kinds import End, Kind
 from .parameter_family import ExtendedCycle
-from .point import (
-    BranchEnd,
-    BranchPoint,
-    KernelRequests,
-    at_parameter,
-    correct_with_free_parameter,
-    corrected,
-    is_followed,
-)
+from .point import BranchEnd, BranchPoint, at_parameter, correct_with_free_parameter, corrected, is_followed
+from .requests import Requests
 from .test_functions import TestFunction, tests_of
 from .tolerances import EARLIER_IMPACTS, JUMP_NEARER, NO_JUMP, STEP_OFF, VANISHES_TOGETHER
 
@@ -39,7 +32,7 @@ def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
 
 def with_earlier_impacts(
     event: BranchPoint, sequence: Sequence, place: ExtendedCycle, impacts: list[int]
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The followed point behind an event with several new impacts, which come earlier by a given time; None if none is.
 
     The tangent at the event does not tell in which proportion they do.
@@ -57,7 +50,7 @@ def with_earlier_impacts(
 
 def followed_beside(
     event: BranchPoint, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The point behind an event in the plane of a guess; None unless the machine follows it and it is joined to the event."""
     seen = yield from corrected(sequence, guess, weights, guess.along(weights))
     if not seen.found.is_converged:
@@ -68,7 +61,9 @@ def followed_beside(
     return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
 
 
-def corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> KernelRequests:
+def corrected_on_sequence(
+    sequence: Sequence, place: ExtendedCycle, event: BranchPoint
+) -> Requests[BranchPoint]:
     """The point of an event, corrected on another sequence."""
     seen = yield from correct_with_free_parameter(sequence, place)
     if not seen.found.is_converged:
@@ -78,13 +73,15 @@ def corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: Branc
 
 def oriented(
     sequence: Sequence, place: ExtendedCycle, event: BranchPoint, ahead: Callable[[BranchPoint], float]
-) -> KernelRequests:
+) -> Requests[BranchPoint]:
     """The point on the new sequence, in the direction in which a value of its tangent is positive."""
     at = yield from corrected_on_sequence(sequence, place, event)
     return (yield from step_off(at, ahead(at) > 0))
 
 
-def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = STEP_OFF) -> KernelRequests:
+def step_off(
+    at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = STEP_OFF
+) -> Requests[BranchPoint]:
     """A point close behind, in the direction of the tangent or the opposite one."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in lengths:
@@ -98,7 +95,7 @@ def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] 
     raise BranchEnd(End.SEVERAL_EVENTS)
 
 
-def is_joined(event: BranchPoint, new: BranchPoint) -> KernelRequests:
+def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:
     """False if the cycles on the events of a new point keep their distance from an event as their parameter comes near."""
     away = np.abs(new.place.z - event.place.z).max()
     if away < NO_JUMP:

@@ -3,16 +3,17 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .kernels import LocatedState, location_on, trimmed
+from .kernels import trimmed
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, DirectedBranch, KernelRequests, between, on_plane
+from .point import BranchPoint, DirectedBranch, between, on_plane
+from .requests import Requests, ask, location_on
 from .sequence_edits import are_alike
 from .tolerances import LEAST_COSINE, RETURNED, SAME_CYCLE
 
 
 def repetitions_of(
     sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = RETURNED
-) -> KernelRequests:
+) -> Requests[int]:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one, within a distance."""
     num_periods = _finite(num_periods)
     for n in _periods_of_shorter(num_periods):
@@ -22,7 +23,7 @@ def repetitions_of(
     return 1
 
 
-def is_shorter_at(event: BranchPoint, num_periods: int | float, rounds: int, within: float) -> KernelRequests:
+def is_shorter_at(event: BranchPoint, num_periods: int | float, rounds: int, within: float) -> Requests[bool]:
     """Test whether a cycle is a shorter one at an event: its impacts of zero speed there leave the motion as it is."""
     num_periods = _finite(num_periods)
     for n in _periods_of_shorter(num_periods):
@@ -35,9 +36,9 @@ def _periods_of_shorter(num_periods: int) -> list[int]:
     return [n for n in range(1, num_periods) if num_periods % n == 0]
 
 
-def _has_returned(sequence: Sequence, place: ExtendedCycle, n: int, within: float) -> KernelRequests:
+def _has_returned(sequence: Sequence, place: ExtendedCycle, n: int, within: float) -> Requests[bool]:
     """Test whether a cycle is back at its start after n forcing periods."""
-    located: LocatedState = yield location_on(sequence, place, float(n))
+    located = yield from ask(location_on(sequence, place, float(n)))
     return bool(np.abs(located.z - place.z).max() < within)
 
 
@@ -48,7 +49,7 @@ def _finite(num_periods: int | float) -> int:
 
 def is_at_start(
     walk: DirectedBranch, start: BranchPoint, point: BranchPoint, new: BranchPoint
-) -> KernelRequests:
+) -> Requests[bool]:
     """Test whether the step from a point to a new one passes the start of the branch."""
     if not are_alike(start.sequence, point.sequence) or len(walk.points) < 4:
         return False
@@ -63,7 +64,7 @@ def is_at_start(
     return bool(seen.found.is_converged and found.distance(start.place) < SAME_CYCLE)
 
 
-def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
+def first_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[int | None]:
     """Index of the first point of a walk that is passed twice; None if its last point is a new one.
 
     A cycle may return shifted by some forcing periods.
@@ -75,7 +76,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
         if not isinstance(old, BranchPoint) or not _may_be_same(old, last):
             continue
         for n in range(_finite(walk.num_periods)):
-            located: LocatedState = yield location_on(last.sequence, last.place, float(n))
+            located = yield from ask(location_on(last.sequence, last.place, float(n)))
             if np.abs(located.z - old.place.z).max() < SAME_CYCLE and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]

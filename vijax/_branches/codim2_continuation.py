@@ -13,9 +13,10 @@ from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
 from .defining_systems import AtEvent, AtTurn, DefiningSystem, Plane
-from .kernels import KernelCall, location_on, padded, simulation_of, trimmed
+from .kernels import padded, trimmed
 from .kinds import End
 from .parameter_family import ExtendedCycle
+from .requests import KernelCall, T, location_on, simulation_of
 from .scheduler import answer
 from .sequence_edits import passed_section, shifted
 from .tolerances import (
@@ -223,7 +224,7 @@ def _in_section(here: CurveState) -> CurveState:
     if by == 0:
         return here
     z = _answer(here, location_on(sequence, place, 0.0 if by > 0 else num_periods)).z
-    sequence, place = shifted(sequence, place, by, num_periods, z)
+    sequence, place = shifted(sequence, place, by, num_periods, np.asarray(z))
     condition = replace(here.defining.condition, own=here.at.own)
     if isinstance(condition, AtEvent | AtTurn):
         condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
@@ -233,6 +234,6 @@ def _in_section(here: CurveState) -> CurveState:
     return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
 
 
-def _answer(here: CurveState, request: KernelCall):
+def _answer(here: CurveState, request: KernelCall[T]) -> T:
     """Result of a kernel for the family of a point."""
     return answer(here.defining.family, request)

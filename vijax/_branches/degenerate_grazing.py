@@ -13,13 +13,14 @@ from .._hybrid.limits import IMPACT
 from .behind_event import corrected_on_sequence
 from .kinds import Kind
 from .locate import locate
-from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, predicted_point
+from .point import BranchEnd, BranchPoint, at_parameter, predicted_point
+from .requests import Requests
 from .sequence_edits import without_event
 from .test_functions import kind_at, tests_of
 from .tolerances import CYCLES_NEAR, LIGHT_IMPACT, RESONANT, SLOPE_STEP, VANISHED_IMPACT, ZERO_NEAR
 
 
-def grazing_of_shorter_cycle(point: BranchPoint) -> KernelRequests:
+def grazing_of_shorter_cycle(point: BranchPoint) -> Requests[BranchPoint | None]:
     """Grazing at which a branch ends close to a point, on the sequence without the impacts that vanish; else None."""
     kind = point.sequence.kind
     speeds = np.where(kind == IMPACT, point.seen.found.speeds[: len(kind)], np.inf)
@@ -40,7 +41,7 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> KernelRequests:
     return None
 
 
-def without_impacts(event: BranchPoint) -> KernelRequests:
+def without_impacts(event: BranchPoint) -> Requests[BranchPoint | None]:
     """The point of an event on the motion without impacts; None if other events remain.
 
     Raises:
@@ -62,7 +63,7 @@ def without_impacts(event: BranchPoint) -> KernelRequests:
     return free
 
 
-def vanishing(start: BranchPoint, kind: str, stop: int) -> KernelRequests:
+def vanishing(start: BranchPoint, kind: str, stop: int) -> Requests[BranchPoint | None]:
     """Point near a start at which the least gap or force of a stop vanishes; None if there is none.
 
     It is positive where the tangent points: the start may lie beyond by rounding.

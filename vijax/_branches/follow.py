@@ -14,7 +14,7 @@ from .behind_event import step_off
 from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
-from .kernels import MOST_EVENTS, SimulatedMotion, padded, simulation_from, simulation_of, trimmed
+from .kernels import MOST_EVENTS, SimulatedMotion, padded, trimmed
 from .kinds import End, Kind, public_kind
 from .locate import first_event, is_passed, special_points
 from .parameter_family import ExtendedCycle
@@ -22,12 +22,12 @@ from .point import (
     BranchEnd,
     BranchPoint,
     DirectedBranch,
-    KernelRequests,
     TooManyEvents,
     at_parameter,
     between,
     correct_with_free_parameter,
 )
+from .requests import Requests, ask, simulation_from, simulation_of
 from .sequence_switching import (
     by_sequence,
     continue_by_simulation,
@@ -59,28 +59,28 @@ _MORE = 2
 _MOST_BACK = 100
 
 
-def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> KernelRequests:
+def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Requests[BranchPoint | None]:
     """The branch point at an orbit with a start in space, (2 n,), and a scaled parameter; None if there is none.
 
     `sequence` is padding with room for the events of the orbit, as far as they are known.
     """
-    followed: SimulatedMotion = yield simulation_from(sequence, start, p)
+    followed = yield from ask(simulation_from(sequence, start, p))
     while np.all(followed.sequence.kind >= 0) and len(followed.sequence.kind) < MOST_EVENTS:
         (sequence,) = padded(sequence, (), min(_MORE * len(followed.sequence.kind), MOST_EVENTS))
-        followed = yield simulation_from(sequence, start, p)
+        followed = yield from ask(simulation_from(sequence, start, p))
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence = trimmed(followed.sequence, num_events)
     place = trimmed(ExtendedCycle(followed.z, followed.flights, np.asarray(p)), num_events)
     # At a fold a fixed parameter does not determine the cycle, so `correct_with_free_parameter` leaves it free.
-    for ask in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
-        seen = yield from ask
+    for request in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
+        seen = yield from request
         away = np.abs(seen.found.place.z - place.z).max()
         if seen.found.is_converged and away < ORBIT_NEAR and abs(seen.found.place.p - p) < ORBIT_AT:
             return BranchPoint.of(sequence, seen, 0.0)
     return None
 
 
-def follow_branch(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+def follow_branch(walk: DirectedBranch, start: BranchPoint) -> Requests[None]:
     """Follow a branch from a point in the direction of its tangent, and add its points to the walk."""
     try:
         yield from _follow(walk, start)
@@ -88,11 +88,11 @@ def follow_branch(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
         walk.end = str(why)
 
 
-def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+def _follow(walk: DirectedBranch, start: BranchPoint) -> Requests[None]:
     walk.rounds = yield from repetitions_of(start.sequence, start.place, walk.num_periods)
     point, ds = (yield from _behind_event_at_start(walk, start)), PROBE_STEP
     while not walk.is_full:
-        point, ds, tried = yield PlainSteps(walk, start, point, ds)
+        point, ds, tried = yield from ask(PlainSteps(walk, start, point, ds))
         if walk.is_full:
             break
         step, ds = yield from _resolved_step(walk, point, ds, tried)
@@ -105,6 +105,7 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
             continue
         if (yield from is_at_start(walk, start, point, step.last)):
             raise BranchEnd(End.CLOSED)
+        assert step.confirmed is not None
         walk.points.append(step.confirmed)
         point, ds = (yield from with_simulated_bounces(step.confirmed, step.followed)), step.next_length
         if _has_lost_stick(step.confirmed, point):  # the branch ends between the two
@@ -112,7 +113,7 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
     walk.end = End.MAX_POINTS
 
 
-def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> Requests[BranchPoint]:
     """The start, or the point behind its event: given orbits may lie on one, where a test function is rounding and falls."""
     for test in tests_of(start.sequence):
         if test.rate and abs(test.of(start.seen)) < ON_EVENT and test.rate(start.seen) < -FALLING_RATE:
@@ -129,7 +130,7 @@ def _has_lost_stick(confirmed: BranchPoint, point: BranchPoint) -> bool:
 
 def _resolved_step(
     walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
-) -> KernelRequests:
+) -> Requests[tuple["Step | None", float]]:
     """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST_STEP` is.
 
     The first one may have been tried already.
@@ -147,7 +148,7 @@ def _resolved_step(
     return None, ds
 
 
-def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
+def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> Requests[BranchPoint]:
     """Continue behind a vanishing hop where no step is short enough; end the branch if there is no such hop."""
     event = yield from end_of_vanishing_flight(point)
     if event is None:
@@ -155,7 +156,9 @@ def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> KernelRequ
     return (yield from _add_and_release_hold(walk, point, event))
 
 
-def _add_and_release_hold(walk: DirectedBranch, point: BranchPoint, event: BranchPoint) -> KernelRequests:
+def _add_and_release_hold(
+    walk: DirectedBranch, point: BranchPoint, event: BranchPoint
+) -> Requests[BranchPoint]:
     """Add a point where a contact force touches zero, and continue behind it, where the mass stays held."""
     if not walk.bounds[0] <= event.place.p <= walk.bounds[1]:
         yield from _end_at_bound(walk, point, point.place, event, is_event=True)
@@ -163,7 +166,7 @@ def _add_and_release_hold(walk: DirectedBranch, point: BranchPoint, event: Branc
     return (yield from step_off(event))
 
 
-def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> KernelRequests:
+def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requests[None]:
     """Add the bifurcations of a step; end at a bound, or at the period doubling where a doubled branch ends."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
@@ -179,7 +182,7 @@ def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Kern
             raise BranchEnd(Kind.HALF_PERIOD)
 
 
-def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
+def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[BranchPoint]:
     """End the branch where no step is short enough."""
     if 0 < shortest_stick(point) < VANISHING_STICK:
         # Sticks vanish faster than they shorten: the rest of the way is rounding.
@@ -218,10 +221,12 @@ class Step(NamedTuple):
     next_length: float
 
 
-def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None) -> KernelRequests:
+def _step(
+    walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
+) -> Requests["Step | None"]:
     """A step from a point; None if it is too long to resolve all that happens on it."""
     if tried is None:
-        _, _, tried = yield PlainSteps(walk, point, point, ds, is_trial=True)
+        _, _, tried = yield from ask(PlainSteps(walk, point, point, ds, is_trial=True))
     if tried is None:
         return None
     new = tried.point
@@ -250,7 +255,7 @@ def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:
 
 def _confirmed_point(
     walk: DirectedBranch, point: BranchPoint, known: SimulatedMotion | None
-) -> KernelRequests:
+) -> Requests[tuple[BranchPoint, SimulatedMotion]]:
     """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it.
 
     `known` is the motion from the given point, if it was simulated.
@@ -259,19 +264,21 @@ def _confirmed_point(
     followed = known if within is point else None
     point = within
     if followed is None:
-        followed = yield simulation_of(point.sequence, point.place)
+        followed = yield from ask(simulation_of(point.sequence, point.place))
     is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
     return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
 
 
-def _add(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
+def _add(walk: DirectedBranch, point: BranchPoint) -> Requests[BranchPoint]:
     """Add a point to the walk, with all its events inside the cycle."""
     point = yield from in_section(point, walk.num_periods)
     walk.points.append(point)
     return point
 
 
-def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> KernelRequests:
+def _continue_behind_event(
+    walk: DirectedBranch, test: TestFunction, event: BranchPoint
+) -> Requests[BranchPoint]:
     """The point from which the branch continues behind an event."""
     hop = yield from hop_that_ends(test, event)
     if hop is not None:
@@ -297,7 +304,7 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
     return new
 
 
-def _beyond(event: BranchPoint, free: BranchPoint | None) -> KernelRequests:
+def _beyond(event: BranchPoint, free: BranchPoint | None) -> Requests[BranchPoint]:
     """The point behind a grazing on the motion without impacts, at parameters where the branch before was not.
 
     Raises:
@@ -311,7 +318,7 @@ def _beyond(event: BranchPoint, free: BranchPoint | None) -> KernelRequests:
         raise BranchEnd(Kind.GRAZING) from why
 
 
-def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
+def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[None]:
     """End the branch if its last bifurcation was passed before; keep each bifurcation once."""
     again = yield from first_repeated(walk, last)
     if again is not None:
@@ -319,7 +326,7 @@ def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
         raise BranchEnd(End.CLOSED)
 
 
-def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> KernelRequests:
+def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> Requests[None]:
     """End at the limit of the last grazings, if there are at least so many and they converge."""
     grazings = [point for _, point in walk.cascade]
     limit = limit_of(grazings, least)
@@ -338,7 +345,7 @@ def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> KernelRequests:
 
 def _to_bound(
     walk: DirectedBranch, point: BranchPoint, new: BranchPoint, *, is_event: bool
-) -> KernelRequests:
+) -> Requests[None]:
     """Add the point at the parameter bound between two points, or at the event on the bound, and end."""
     p = walk.nearest_bound(float(new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
@@ -350,7 +357,7 @@ def _to_bound(
 
 def _end_at_bound(
     walk: DirectedBranch, point: BranchPoint, guess: ExtendedCycle, new: BranchPoint, *, is_event: bool
-) -> KernelRequests:
+) -> Requests[None]:
     """Add the point at the bound nearest to a new point, with the arclength of the new point, and end."""
     p = np.asarray(walk.nearest_bound(float(new.place.p)))
     at = yield from _at_bound(point, guess._replace(p=p), is_event=is_event)
@@ -360,7 +367,7 @@ def _end_at_bound(
     raise BranchEnd(End.BOUNDS)
 
 
-def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> KernelRequests:
+def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> Requests[BranchPoint]:
     """The cycle at a bound; from the motion of the machine where events vanish there."""
     p = float(guess.p)
     if not is_event:

@@ -9,9 +9,10 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .kernels import SPARE, SimulatedMotion, padded, room_for, simulation_of, trimmed
+from .kernels import SPARE, padded, room_for, trimmed
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, KernelRequests, at_parameter, is_followed
+from .point import BranchPoint, at_parameter, is_followed
+from .requests import Requests, ask, simulation_of
 from .tolerances import BEHIND_CASCADE, CASCADE_CERTAIN, CASCADE_RATIO, LIMIT_AWAY, LIMIT_NEAR
 
 # MANY: number of grazings of one stop that make a cascade, if each is nearer to the next than to the one before.
@@ -45,7 +46,7 @@ def is_limit(found: ExtendedCycle, limit: ExtendedCycle, last: ExtendedCycle) ->
     )
 
 
-def cycle_behind_limit(limit: ExtendedCycle, last: BranchPoint) -> KernelRequests:
+def cycle_behind_limit(limit: ExtendedCycle, last: BranchPoint) -> Requests[BranchPoint | None]:
     """A cycle with a stick behind a limit, its tangent towards the limit; None if there is none."""
     way = limit.p - last.place.p
     for share in BEHIND_CASCADE:
@@ -55,14 +56,14 @@ def cycle_behind_limit(limit: ExtendedCycle, last: BranchPoint) -> KernelRequest
     return None
 
 
-def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> KernelRequests:
+def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Requests[BranchPoint | None]:
     """The simulated cycle with a stick at `p`, corrected until the machine follows it; None if there is none."""
     place = limit._replace(p=np.asarray(p))
     room = room_for(4 * len(last.sequence.kind)) - SPARE
     longer = padded(last.sequence, (), room)[0]
     for _ in range(_TRIALS):
         wide = place._replace(flights=np.zeros(room))
-        followed: SimulatedMotion = yield simulation_of(longer, wide)
+        followed = yield from ask(simulation_of(longer, wide))
         sequence: Sequence = trimmed(followed.sequence, int(np.count_nonzero(followed.sequence.kind >= 0)))
         if RELEASE not in sequence.kind:
             return None

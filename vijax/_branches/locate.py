@@ -7,7 +7,8 @@ import numpy as np
 from .bracket import Bracket, SlopedBracket, next_trial
 from .kernels import CorrectedCycle
 from .kinds import End, Kind
-from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
+from .point import BranchEnd, BranchPoint, DirectedBranch, between, on_plane
+from .requests import Requests
 from .singular import branch_point, end_of_doubled
 from .test_functions import (
     TESTS_OF_NEIGHBOURS,
@@ -21,7 +22,9 @@ from .test_functions import (
 from .tolerances import AT_BIFURCATION, JUST_BEFORE, LARGE_MULTIPLIER, SQUARE_ZERO, ZERO
 
 
-def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -> KernelRequests:
+def first_event(
+    point: BranchPoint, new: BranchPoint, met: list[TestFunction]
+) -> Requests[tuple[tuple[TestFunction, BranchPoint] | None, BranchPoint]]:
     """The first of the events of a step, or None; and the point just before it, or the end of the step.
 
     Raises:
@@ -51,7 +54,7 @@ def _share(before: float, after: float) -> float:
     return before / (before - after) if np.isfinite(before - after) else 1.0
 
 
-def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
+def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint]:
     """The point between two others at which a test function vanishes."""
     length, at = new.arc - point.arc, partial(_point_at, point, new, test)
     if test.rate is not None:
@@ -73,7 +76,7 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRe
     return best._replace(kind=kind_at(test, best.sequence, best.seen))
 
 
-def _point_at(point: BranchPoint, new: BranchPoint, test: TestFunction, s: float) -> KernelRequests:
+def _point_at(point: BranchPoint, new: BranchPoint, test: TestFunction, s: float) -> Requests[BranchPoint]:
     """The point between two others in the plane at a distance from the first."""
     seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
     if not seen.found.is_converged:
@@ -86,7 +89,7 @@ def _slope(test: TestFunction, point: BranchPoint, at: BranchPoint) -> float:
     return test.rate(at.seen) / at.tangent.along(point.tangent) if test.rate else np.nan
 
 
-def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:
+def _just_before(point: BranchPoint, event: BranchPoint) -> Requests[BranchPoint]:
     """The point just before a change of the sequence, at which multipliers may be infinite."""
     s = event.arc - point.arc - JUST_BEFORE
     if s <= JUST_BEFORE:
@@ -95,7 +98,9 @@ def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:
     return BranchPoint.of(point.sequence, seen, point.arc + s)
 
 
-def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -> KernelRequests:
+def special_points(
+    walk: DirectedBranch, point: BranchPoint, new: BranchPoint
+) -> Requests[tuple[list[BranchPoint], bool]]:
     """Bifurcations on a step, in order, and whether the number of unstable multipliers implies no more of them."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
@@ -111,7 +116,8 @@ def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -
             continue
         if test.kind in (Kind.FOLD, Kind.BRANCH_POINT) and walk.rounds % 2:
             at = (yield from end_of_doubled(walk.num_periods, at)) or at
-        change += {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}.get(at.kind, 1)
+        changes: dict[str, int] = {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}
+        change += changes.get(at.kind, 1)
         found.append(at)
     is_whole = (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2 == 0
     return sorted(found, key=lambda at: at.arc), bool(is_whole) and not _is_hidden(point, found)

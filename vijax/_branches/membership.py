@@ -12,7 +12,8 @@ from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
 from .kinds import End
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, corrected
+from .point import BranchEnd, BranchPoint, at_parameter, corrected
+from .requests import Requests
 from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, families_of, value_of
@@ -106,7 +107,7 @@ class KnownOrbits:
         return [found[chance.orbit] for chance in chances]
 
 
-def _is_met(chance: _Chance, family: Family) -> KernelRequests:
+def _is_met(chance: _Chance, family: Family) -> Requests[bool]:
     """True if the branch has the orbit between its two points."""
     p, span = chance.value / float(family.span), float(family.span)
     at = [Bifurcation(chance.branch, end % len(chance.branch)) for end in (chance.k, chance.k + 1)]
@@ -121,7 +122,7 @@ def _is_met(chance: _Chance, family: Family) -> KernelRequests:
     return False
 
 
-def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> KernelRequests:
+def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Requests[CorrectedCycle | None]:
     """The cycle at a parameter between two cycles of a branch, or None.
 
     Corrected in planes across the chord: where two branches cross, Newton's method at fixed parameter finds either.
@@ -144,7 +145,7 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> KernelRequ
     return seen
 
 
-def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> KernelRequests:
+def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> Requests[bool]:
     """True if a cycle is the orbit; False for one that has no state at its start, as its events are out of order."""
     try:
         point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)

@@ -24,7 +24,8 @@ from .cycle_quantities import checked_names, run_of_cycle
 from .kernels import CorrectedCycle, room_for
 from .kinds import MONITOR, STOP, End, Kind, PublicKind, public_kind
 from .parameter_family import Family
-from .point import BranchPoint, DirectedBranch, KernelRequests, PlainPoint, between, on_plane
+from .point import BranchPoint, DirectedBranch, PlainPoint, between, on_plane
+from .requests import Requests
 from .scheduler import drive
 from .sequence_edits import are_alike
 from .sequence_switching import in_section
@@ -208,12 +209,12 @@ def _zero_between(
     ends: tuple[float, float],
     value_at: Callable[[BranchPoint], float],
     num_periods: float,
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The point between two others at which a function of the cycle vanishes; None if it jumps there or has no value."""
     length, cycle_at = _way_between(before, after)
     bracket, best, value = Bracket.between(*ends, length), None, np.nan
     while (s := next_trial(bracket)) is not None:
-        seen: CorrectedCycle = yield from cycle_at(s)
+        seen = yield from cycle_at(s)
         arc = before.arc + s / length * (after.arc - before.arc)
         best = BranchPoint.of(after.sequence, seen, arc)
         value = value_at(best) if seen.found.is_converged else np.nan
@@ -225,7 +226,9 @@ def _zero_between(
     return (yield from in_section(best, num_periods))
 
 
-def _way_between(before: BranchPoint, after: BranchPoint) -> tuple[float, Callable[[float], KernelRequests]]:
+def _way_between(
+    before: BranchPoint, after: BranchPoint
+) -> tuple[float, Callable[[float], Requests[CorrectedCycle]]]:
     """Length of the way between two points, and the cycle in the plane at a distance from the first.
 
     The cycles have the sequence of the second point. Where the first has another one, as at an event, the way goes back

@@ -14,27 +14,11 @@ from .behind_event import (
     vanishing_with,
     with_earlier_impacts,
 )
-from .kernels import (
-    KernelCall,
-    LocatedState,
-    SimulatedMotion,
-    locate_state,
-    location_on,
-    padded,
-    simulation_of,
-    trimmed,
-)
+from .kernels import SimulatedMotion, locate_state, padded, trimmed
 from .kinds import End, Kind, public_kind
 from .parameter_family import ExtendedCycle
-from .point import (
-    BranchEnd,
-    BranchPoint,
-    DirectedBranch,
-    KernelRequests,
-    at_parameter,
-    corrected,
-    is_followed,
-)
+from .point import BranchEnd, BranchPoint, DirectedBranch, at_parameter, corrected, is_followed
+from .requests import KernelCall, Requests, ask, location_on, simulation_of
 from .sequence_edits import (
     are_alike,
     in_rounds,
@@ -57,7 +41,7 @@ Rounds = tuple[int, float]
 _MORE = 40, 200
 
 
-def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> KernelRequests:
+def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Requests[BranchPoint]:
     """Continue behind an event on the new sequence, in the direction given by a derivative.
 
     On a cycle that traverses a shorter one several times, the change may happen in one round or in all rounds.
@@ -80,9 +64,10 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
             continue
         walk.rounds = rounds
         return new
+    raise AssertionError("the last number of rounds returns or raises")
 
 
-def _with_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
+def _with_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> Requests[BranchPoint]:
     """Continue behind a vanishing gap with an impact there, and at every other stop that is touched."""
     stops = vanishing_with(event, test)
     if len(stops) > 1:
@@ -95,7 +80,7 @@ def _with_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelR
     return (yield from _with_growing_speed(sequence, place, event, first))
 
 
-def _without_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
+def _without_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> Requests[BranchPoint]:
     """Continue behind an impact that loses its speed, without it, and without those of other stops that lose theirs."""
     sequence, place, k = event.sequence, event.place, test.index
     stop, time, lost = int(sequence.stop[k]), float(place.flights[: k + 1].sum()), vanishing_with(event, test)
@@ -104,11 +89,11 @@ def _without_impact(event: BranchPoint, test: TestFunction, how: Rounds) -> Kern
         sequence, place = without_event(sequence, place, number)
     at = yield from corrected_on_sequence(sequence, place, event)
     request = KernelCall(locate_state, sequence, (at.place, at.tangent, np.asarray(time)))
-    located: LocatedState = yield request
+    located = yield from ask(request)
     return (yield from step_off(at, float(located.gap_rates[stop]) > 0))
 
 
-def _in_other_order(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
+def _in_other_order(event: BranchPoint, test: TestFunction, how: Rounds) -> Requests[BranchPoint]:
     """Continue behind two simultaneous impacts in the other order."""
     sequence, place, k = event.sequence, event.place, test.index
     if not _are_impacts(sequence, k):
@@ -118,7 +103,7 @@ def _in_other_order(event: BranchPoint, test: TestFunction, how: Rounds) -> Kern
     return (yield from oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_stick(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
+def _with_stick(event: BranchPoint, test: TestFunction, how: Rounds) -> Requests[BranchPoint]:
     """Continue behind an impact of zero restitution that no longer frees its mass, with a stick."""
     sequence, place = event.sequence, event.place
     flight = int(event.seen.watched.rise_flight[test.index])
@@ -127,7 +112,7 @@ def _with_stick(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRe
     return (yield from oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
 
 
-def _without_stick(event: BranchPoint, test: TestFunction, how: Rounds) -> KernelRequests:
+def _without_stick(event: BranchPoint, test: TestFunction, how: Rounds) -> Requests[BranchPoint]:
     """Continue behind a stick of zero duration without it, if its impact has zero restitution."""
     sequence, place, k = event.sequence, event.place, test.index
     if not event.seen.watched.is_plastic[sequence.stop[k]]:  # ever more bounces follow: `grazing_cascade.py`
@@ -151,7 +136,7 @@ _CHANGES: dict[str, Callable] = {
 }
 
 
-def continue_by_simulation(event: BranchPoint) -> KernelRequests:
+def continue_by_simulation(event: BranchPoint) -> Requests[BranchPoint]:
     """The point a short way ahead, with the events of the simulated machine."""
     for ds in TRIALS_AHEAD:
         guess = event.place.moved(event.tangent, ds)
@@ -171,7 +156,7 @@ def continue_by_simulation(event: BranchPoint) -> KernelRequests:
     raise BranchEnd(public_kind(event.kind))
 
 
-def _at_parameter_beside(event: BranchPoint, dp: float) -> KernelRequests:
+def _at_parameter_beside(event: BranchPoint, dp: float) -> Requests[BranchPoint | None]:
     """The cycle of the machine with other events than before an event, at a parameter beside; None if there is none."""
     new: BranchPoint | None = yield from cycle_of_simulation(
         event, event.place._replace(p=event.place.p + dp)
@@ -185,7 +170,7 @@ def _at_parameter_beside(event: BranchPoint, dp: float) -> KernelRequests:
     return new if new.tangent.p * dp > 0 else new.turned()
 
 
-def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelRequests:
+def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> Requests[BranchPoint | None]:
     """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
     followed = yield from _followed(point.sequence, guess)
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
@@ -198,17 +183,17 @@ def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelReque
     return found if (yield from is_followed(found)) else None
 
 
-def _followed(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
+def _followed(sequence: Sequence, place: ExtendedCycle) -> Requests[SimulatedMotion]:
     """Simulate the machine from a cycle, with room for new events: few at first, as a program has that room anyway."""
     for more in _MORE:
         longer, wide = padded(sequence, (place,), len(sequence.kind) + more)
-        followed: SimulatedMotion = yield simulation_of(longer, wide)
+        followed = yield from ask(simulation_of(longer, wide))
         if np.any(followed.sequence.kind[: len(longer.kind)] == NOTHING):
             break
     return followed
 
 
-def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
+def in_section(point: BranchPoint, num_periods: float) -> Requests[BranchPoint]:
     """The point with all its events between the start and the end of the cycle."""
     by = passed_section(point.place, num_periods)
     if by == 0:
@@ -216,7 +201,7 @@ def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
     if not np.isfinite(num_periods):  # the event that begins the cycle has met the next one
         raise BranchEnd(End.SEVERAL_EVENTS)
     time = 0.0 if by > 0 else num_periods
-    located: LocatedState = yield location_on(point.sequence, point.place, time)
+    located = yield from ask(location_on(point.sequence, point.place, time))
     sequence, place = shifted(point.sequence, point.place, by, num_periods, np.asarray(located.z))
     at = yield from corrected_on_sequence(sequence, place, point)
     # The tangent keeps its direction: event times and parameter change as before.
@@ -225,7 +210,7 @@ def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
     return at if is_ahead else at.turned()
 
 
-def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> KernelRequests:
+def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> Requests[BranchPoint]:
     """The point with as many bounces in its chatters as the machine has there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     is_light = np.min(point.place.flights, initial=np.inf) < LIGHTEST_FLIGHT
@@ -235,7 +220,7 @@ def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> Ker
     return (yield from _on_simulated_events(point, followed))
 
 
-def _on_simulated_events(point: BranchPoint, followed: SimulatedMotion) -> KernelRequests:
+def _on_simulated_events(point: BranchPoint, followed: SimulatedMotion) -> Requests[BranchPoint]:
     """The point with the events of the machine; itself if no cycle near it has them."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence = trimmed(followed.sequence, num_events)
@@ -256,7 +241,7 @@ def _with_growing_speed(
     place: ExtendedCycle,
     event: BranchPoint,
     impact: int,
-) -> KernelRequests:
+) -> Requests[BranchPoint]:
     """The point on the new sequence, in the direction in which the speed of an impact grows."""
     at = yield from corrected_on_sequence(sequence, place, event)
     return (yield from step_off(at, float(at.seen.rates.speeds[impact]) > 0))

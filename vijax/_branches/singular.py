@@ -15,10 +15,11 @@ from jaxtyping import Array, Bool
 from .._orbits.sequence import Sequence
 from .corrector import evaluate_at
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
-from .kernels import CorrectedCycle, KernelCall, LocatedState, as_corrected_cycle, location_on, trimmed
+from .kernels import CorrectedCycle, as_corrected_cycle, trimmed
 from .kinds import End, Kind
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchEnd, BranchPoint, KernelRequests, between, on_plane
+from .point import BranchEnd, BranchPoint, between, on_plane
+from .requests import KernelCall, Requests, ask, location_on
 from .sequence_edits import in_a_row
 from .test_functions import TestFunction
 from .tolerances import (
@@ -74,7 +75,7 @@ def doubling(family: Family, sequence: Sequence, guess: ExtendedCycle) -> Doubli
     return Doubling(defining.place(solved.y)[0], solved.is_found, is_likely)
 
 
-def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
+def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint]:
     """The branch point between two points of a branch."""
     length = new.arc - point.arc
     nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
@@ -83,7 +84,7 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Ke
     if not np.isfinite(s):
         raise BranchEnd(End.NOT_CONVERGED)
     guess = between(point, new, s / length)
-    place, is_found = yield KernelCall(crossing, point.sequence, (guess,))
+    place, is_found = yield from ask(KernelCall(crossing, point.sequence, (guess,)))
     place = trimmed(place, len(point.sequence.kind))
     if not is_found or not place.distance(guess) < CROSSING_NEAR:
         raise BranchEnd(End.NOT_CONVERGED)
@@ -91,19 +92,19 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Ke
     return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
 
 
-def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
+def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoint | None]:
     """The end of a doubled branch at its period doubling, near a point; None if it does not end there."""
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
-    located: LocatedState = yield location_on(sequence, place, half)
+    located = yield from ask(location_on(sequence, place, half))
     away = np.abs(located.z - place.z).max()
     if not away < DOUBLING_APART:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     guess = place._replace(flights=place.flights[:num])
-    found: Doubling = yield KernelCall(doubling, once, (guess,))
+    found = yield from ask(KernelCall(doubling, once, (guess,)))
     # At a fold beside a grazing the two halves may be close as well.
     distance, within = away, DOUBLING_LOCATED
     if found.is_found:
@@ -124,12 +125,14 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
 
 def _point_at(
     sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle, arc: float, kind: str
-) -> KernelRequests:
-    seen: CorrectedCycle = yield KernelCall(as_corrected_cycle, sequence, (place, tangent))
+) -> Requests[BranchPoint]:
+    seen = yield from ask(KernelCall(as_corrected_cycle, sequence, (place, tangent)))
     return BranchPoint.of(sequence, seen, arc, kind=kind)
 
 
-def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> KernelRequests:
+def _seen_at(
+    point: BranchPoint, new: BranchPoint, ways: np.ndarray
+) -> Requests[list[tuple[float, CorrectedCycle]]]:
     """Pairs of distance from a point and corrected cycle there, of those that converge."""
     found = []
     ahead = partial(between, point, new)

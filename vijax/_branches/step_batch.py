@@ -10,7 +10,6 @@ from .batches import PAIRS, Stock, call, compiled_steps, in_parts, joined, stack
 from .kernels import (
     ROOM_OF_SIMULATION,
     CorrectedCycle,
-    KernelCall,
     SimulatedMotion,
     corrected_cycle,
     padded,
@@ -18,6 +17,7 @@ from .kernels import (
 )
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, PlainPoint
+from .requests import KernelCall
 from .step_kernel import Stepped, StepRequest, blank_cycle
 from .steps import PlainSteps, StepLimits, Tried
 from .tolerances import SHORTEST_STEP
@@ -163,7 +163,7 @@ class _Stepper:
 
     def row(self, room: int) -> tuple[StepRequest, CorrectedCycle, float]:
         """The request, the point and the length of its first step."""
-        walk, start, point, ds, _ = self.request
+        walk, start, point = self.request.walk, self.request.start, self.request.point
         sequence, place = padded(point.sequence, (point.place,), room)
         one, other = start.sequence, point.sequence
         is_same = one is other or (
@@ -174,7 +174,7 @@ class _Stepper:
             _, origin, tangent = padded(one, (start.place, start.tangent), room)
         num_periods, bounds, longest = map(np.asarray, (walk.num_periods, walk.bounds, walk.longest))
         limits = StepLimits(num_periods, bounds, longest, origin, tangent)
-        return _request(sequence, place, limits), point.seen, ds
+        return _request(sequence, place, limits), point.seen, self.request.ds
 
     def most_steps(self, tries: int, num: int) -> int:
         """Most plain steps that it may take now, beside a number of others."""

@@ -5,6 +5,7 @@ Most steps are plain. They are taken one after another in one compiled program, 
 not plain is returned to `follow.py`. All functions treat one branch, and are traced.
 """
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, SimulatedMotion
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch
+from .requests import Request
 from .test_functions import is_crossed, margins, num_unstable, of_neighbours, test_slopes
 from .tolerances import (
     FIRST_STEP,
@@ -49,7 +51,8 @@ class Tried(NamedTuple):
     next_length: float
 
 
-class PlainSteps(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PlainSteps(Request[tuple[BranchPoint, float, Tried | None]]):
     """Request for plain steps.
 
     The answer is the last point, the length of the next step, and this step itself if it was tried and not taken, or
@@ -71,7 +74,7 @@ class PlainSteps(NamedTuple):
     is_trial: bool = False
 
     @property
-    def sequence(self) -> Sequence:
+    def sequence(self) -> Sequence:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Sequence of the cycles."""
         return self.point.sequence
 

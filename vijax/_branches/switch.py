@@ -9,10 +9,11 @@ from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
-from .kernels import KernelCall, jacobian
+from .kernels import jacobian
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchPoint, DirectedBranch, KernelRequests, correct_with_free_parameter, first_followed
+from .point import BranchPoint, DirectedBranch, correct_with_free_parameter, first_followed
+from .requests import KernelCall, Requests, ask
 from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
@@ -86,7 +87,7 @@ def _ends_doubled(point: Bifurcation) -> bool:
     return point.kind == Kind.BRANCH_POINT and end == Kind.HALF_PERIOD
 
 
-def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
+def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> Requests[BranchPoint | None]:
     """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
@@ -116,9 +117,9 @@ def _orbit(family: Family, point: BranchPoint) -> PeriodicOrbit:
     return branch_of(family, point, empty, empty).orbit(0)
 
 
-def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> KernelRequests:
+def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> Requests[BranchPoint | None]:
     """An orbit a short way along the null vector of the equations at fixed parameter."""
-    matrix = yield KernelCall(jacobian, sequence, (place,))
+    matrix = yield from ask(KernelCall(jacobian, sequence, (place,)))
     size, num_events = len(place.z), len(place.flights)
     kept = np.r_[: size + num_events]
     direction = np.linalg.svd(matrix[np.ix_(kept, kept)])[2][-1]

@@ -17,7 +17,8 @@ from .behind_event import (
 )
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchEnd, BranchPoint, KernelRequests, is_followed
+from .point import BranchEnd, BranchPoint, is_followed
+from .requests import Requests
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
 from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT
@@ -28,7 +29,7 @@ _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDIN
 _OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
 
 
-def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
+def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | None]:
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
     if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
         raise BranchEnd(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
@@ -46,7 +47,7 @@ def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
     return (yield from _with_merged_events(event, test, together))
 
 
-def _with_impacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
+def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint]:
     """Continue behind a touch of rigid stops."""
     sequence, place, impacts = events_behind_touches(event, stops)
     if len(stops) == 1:
@@ -86,7 +87,9 @@ def _events_behind_lost_impacts(event: BranchPoint, lost: list[int]) -> tuple[Se
     return sequence, place
 
 
-def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
+def _with_other_reversal(
+    event: BranchPoint, sequence: Sequence, place: ExtendedCycle
+) -> Requests[BranchPoint]:
     """Continue behind a grazing, with or without an impact, on other events."""
     at = yield from corrected_on_sequence(sequence, place, event)
     for is_ahead in (True, False):
@@ -99,7 +102,7 @@ def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: Extended
     raise BranchEnd(Kind.GRAZING)
 
 
-def _with_contacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
+def _with_contacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint]:
     """Continue behind the touch of compliant contacts: each closes and opens, with a given short time between."""
     touches = sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]
     for opening in (OPEN, OPEN + SECOND):
@@ -125,7 +128,7 @@ def _stops_at_impact(sequence: Sequence, test: TestFunction) -> bool:
     return bool(sequence.kind[k - 1] == IMPACT and sequence.kind[k] == STICK and is_slip)
 
 
-def _with_other_slip(event: BranchPoint, k: int) -> KernelRequests:
+def _with_other_slip(event: BranchPoint, k: int) -> Requests[BranchPoint]:
     """Continue behind a stick right after an impact with a slip in the other direction between the two."""
     mode, stop = event.sequence.mode.copy(), event.sequence.stop[k]
     mode[k, stop] = _OTHER_WAY[mode[k, stop]]
@@ -133,7 +136,7 @@ def _with_other_slip(event: BranchPoint, k: int) -> KernelRequests:
     return (yield from oriented(sequence, event.place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_merged_events(event: BranchPoint, test: TestFunction, together: list[int]) -> KernelRequests:
+def _with_merged_events(event: BranchPoint, test: TestFunction, together: list[int]) -> Requests[BranchPoint]:
     """Continue behind two events of one element that meet, without them, or with one event in their place.
 
     Pairs that meet `together` with them are merged as well.

@@ -14,12 +14,13 @@ from .._orbits.sequence import Sequence
 from .degenerate_grazing import vanishing
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, KernelRequests, at_parameter
+from .point import BranchPoint, at_parameter
+from .requests import Requests
 from .test_functions import TestFunction
 from .tolerances import DOUBLE_ROOT_HOP, HOP_MOVED, HOP_NEAR, SHORT_HOP
 
 
-def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> KernelRequests:
+def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Requests[BranchPoint | None]:
     """The point without a hop near a point with it, where the contact force touches zero; None if there is none.
 
     `flight` is the number of the hop; any short hop if left out.
@@ -35,7 +36,7 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Ke
     return None
 
 
-def hop_that_ends(test: TestFunction, event: BranchPoint) -> KernelRequests:
+def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
     """The point where a hop vanishes, if that makes an impact lose its speed or holds a mass back; else None."""
     watched, k = event.seen.watched, test.index
     if test.kind == Kind.GRAZING:
