@@ -6,9 +6,9 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .kernels import trimmed
-from .kinds import End, Kind
+from .kinds import EndKind, Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchEnd, BranchPoint, at_parameter, correct_with_free_parameter, corrected, is_followed
+from .point import BranchPoint, End, at_parameter, correct_with_free_parameter, corrected, is_followed
 from .requests import Requests
 from .test_functions import TestFunction, tests_of
 from .tolerances import EARLIER_IMPACTS, JUMP_NEARER, NO_JUMP, STEP_OFF, VANISHES_TOGETHER
@@ -63,25 +63,25 @@ def followed_beside(
 
 def corrected_on_sequence(
     sequence: Sequence, place: ExtendedCycle, event: BranchPoint
-) -> Requests[BranchPoint]:
+) -> Requests[BranchPoint | End]:
     """The point of an event, corrected on another sequence."""
     seen = yield from correct_with_free_parameter(sequence, place)
     if not seen.found.is_converged:
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
 def oriented(
     sequence: Sequence, place: ExtendedCycle, event: BranchPoint, ahead: Callable[[BranchPoint], float]
-) -> Requests[BranchPoint]:
+) -> Requests[BranchPoint | End]:
     """The point on the new sequence, in the direction in which a value of its tangent is positive."""
     at = yield from corrected_on_sequence(sequence, place, event)
-    return (yield from step_off(at, ahead(at) > 0))
+    return at if isinstance(at, End) else (yield from step_off(at, ahead(at) > 0))
 
 
 def step_off(
     at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = STEP_OFF
-) -> Requests[BranchPoint]:
+) -> Requests[BranchPoint | End]:
     """A point close behind, in the direction of the tangent or the opposite one."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in lengths:
@@ -92,7 +92,7 @@ def step_off(
         is_near = seen.found.is_converged and new.place.distance(guess) < ds
         if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
             return new
-    raise BranchEnd(End.SEVERAL_EVENTS)
+    return End(EndKind.SEVERAL_EVENTS)
 
 
 def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:

@@ -118,7 +118,12 @@ def _with_switching_event(
         return sequence, place, k, True
     if test.of_flight or test.kind == Kind.GRAZING:
         at = BranchPoint.of(sequence, seen, 0.0)
-        k = k if test.of_flight else later_of_meeting(at, k)
+        meeting = k if test.of_flight else later_of_meeting(at, k)
+        if meeting is None:
+            raise ValueError(
+                "No two events of the contact meet at this point: begin at another bifurcation of the branch."
+            )
+        k = meeting
         if kind == Kind.DOUBLE_IMPACT:
             return sequence, place, k, False
         return _with_switching_event(family, kind, *with_events_merged(sequence, place, k))

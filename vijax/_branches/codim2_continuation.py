@@ -14,7 +14,7 @@ from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
 from .defining_systems import AtEvent, AtTurn, DefiningSystem, Plane
 from .kernels import padded, trimmed
-from .kinds import End
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle
 from .requests import KernelCall, T, location_on, simulation_of
 from .scheduler import answer
@@ -126,7 +126,7 @@ class Curve:
                 return why
             new = _step(here, ds)
             if new is None:
-                ds, why = ds / 2, End.NOT_CONVERGED
+                ds, why = ds / 2, EndKind.NOT_CONVERGED
                 continue
             bound = self._at_bound(here, new.at)
             points, end = self._met(here, new if bound is None else bound)
@@ -136,17 +136,17 @@ class Curve:
             # An event that passes the start of the cycle only renumbers the events.
             points[-1] = _in_section(points[-1])
             if not _is_followed(points[-1]):
-                ds, why = ds / 2, End.LEFT_THE_STOPS
+                ds, why = ds / 2, EndKind.LEFT_THE_STOPS
                 continue
             found += points
             bar.update(len(points))
             if bound is not None:
-                return End.BOUNDS
+                return EndKind.BOUNDS
             if len(found) > 2 and _is_back(begun.at, here.at, new.at):
-                return End.CLOSED
+                return EndKind.CLOSED
             here = found[-1]
             ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), LONGEST_ON_CURVE)
-        return End.MAX_POINTS
+        return EndKind.MAX_POINTS
 
     def _at_bound(self, here: CurveState, new: CurvePoint) -> CurveNeighbourhood | None:
         """Point of the curve at the first bound between two points, or None."""

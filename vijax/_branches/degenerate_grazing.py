@@ -13,7 +13,7 @@ from .._hybrid.limits import IMPACT
 from .behind_event import corrected_on_sequence
 from .kinds import Kind
 from .locate import locate
-from .point import BranchEnd, BranchPoint, at_parameter, predicted_point
+from .point import BranchPoint, End, at_parameter, predicted_point
 from .requests import Requests
 from .sequence_edits import without_event
 from .test_functions import kind_at, tests_of
@@ -41,11 +41,10 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> Requests[BranchPoint | None]
     return None
 
 
-def without_impacts(event: BranchPoint) -> Requests[BranchPoint | None]:
+def without_impacts(event: BranchPoint) -> Requests[BranchPoint | End | None]:
     """The point of an event on the motion without impacts; None if other events remain.
 
-    Raises:
-        BranchEnd: at a resonance without losses, where all free vibrations repeat and no orbit is isolated.
+    An `End` at a resonance without losses, where all free vibrations repeat and no orbit is isolated.
     """
     sequence, place, found = event.sequence, event.place, event.seen.found
     _, velocities = np.split(np.abs(event.seen.start), 2)
@@ -54,13 +53,8 @@ def without_impacts(event: BranchPoint) -> Requests[BranchPoint | None]:
         return None
     for k in range(len(sequence.kind))[::-1]:
         sequence, place = without_event(sequence, place, k)
-    try:
-        free = yield from corrected_on_sequence(sequence, place, event)
-    except BranchEnd as why:
-        raise BranchEnd(Kind.GRAZING) from why
-    if abs(free.tangent.p) < RESONANT:
-        raise BranchEnd(Kind.GRAZING)
-    return free
+    free = yield from corrected_on_sequence(sequence, place, event)
+    return End(Kind.GRAZING) if isinstance(free, End) or abs(free.tangent.p) < RESONANT else free
 
 
 def vanishing(start: BranchPoint, kind: str, stop: int) -> Requests[BranchPoint | None]:
@@ -82,9 +76,8 @@ def vanishing(start: BranchPoint, kind: str, stop: int) -> Requests[BranchPoint 
     beyond = yield from predicted_point(start, 2 * abs(way) + SLOPE_STEP)
     if not gap * test.of(beyond.seen) < 0:
         return None
-    try:
-        found = yield from locate(start, beyond, test)
-    except BranchEnd:
+    found = yield from locate(start, beyond, test)
+    if isinstance(found, End):
         return None
     return found if gap < 0 else found.turned()
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from .bracket import Bracket, SlopedBracket, next_trial
 from .kernels import CorrectedCycle
-from .kinds import End, Kind
-from .point import BranchEnd, BranchPoint, DirectedBranch, between, on_plane
+from .kinds import EndKind, Kind
+from .point import BranchPoint, DirectedBranch, End, between, on_plane
 from .requests import Requests
 from .singular import branch_point, end_of_doubled
 from .test_functions import (
@@ -24,11 +24,10 @@ from .tolerances import AT_BIFURCATION, JUST_BEFORE, LARGE_MULTIPLIER, SQUARE_ZE
 
 def first_event(
     point: BranchPoint, new: BranchPoint, met: list[TestFunction]
-) -> Requests[tuple[tuple[TestFunction, BranchPoint] | None, BranchPoint]]:
+) -> Requests[tuple[tuple[TestFunction, BranchPoint] | None, BranchPoint] | End]:
     """The first of the events of a step, or None; and the point just before it, or the end of the step.
 
-    Raises:
-        BranchEnd: if no zero of a test function is there, where several change sign.
+    An `End` if no zero of a test function is there, where several change sign.
     """
     first, before = None, new
     # Where an impact loses its speed a least gap vanishes as well, over a whole interval: the impact is the event. So it is
@@ -37,10 +36,12 @@ def first_event(
     for test in sorted(met, key=order):
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
+            if isinstance(event, End):
+                return event
             # The functions of other events may jump behind the first.
             least = 0.0 if is_between_events(test) else SQUARE_ZERO
             if len(met) > 1 and not abs(test.of(event.seen)) < max(ZERO * test.of(point.seen), least):
-                raise BranchEnd(End.NOT_CONVERGED)
+                return End(EndKind.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
 
@@ -54,7 +55,7 @@ def _share(before: float, after: float) -> float:
     return before / (before - after) if np.isfinite(before - after) else 1.0
 
 
-def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint]:
+def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
     """The point between two others at which a test function vanishes."""
     length, at = new.arc - point.arc, partial(_point_at, point, new, test)
     if test.rate is not None:
@@ -65,6 +66,8 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests
             sloped, best = SlopedBracket.between(*ends), new
             while (s := sloped.next) is not None:
                 best = yield from at(s)
+                if isinstance(best, End):
+                    return best
                 sloped = sloped.narrowed(test.of(best.seen), _slope(test, point, best))
             if not sloped.is_flat:
                 return best._replace(kind=kind_at(test, best.sequence, best.seen))
@@ -72,15 +75,19 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests
     best = new
     while (s := next_trial(bracket)) is not None:
         best = yield from at(s)
+        if isinstance(best, End):
+            return best
         bracket = bracket.narrowed(s, test.of(best.seen))
     return best._replace(kind=kind_at(test, best.sequence, best.seen))
 
 
-def _point_at(point: BranchPoint, new: BranchPoint, test: TestFunction, s: float) -> Requests[BranchPoint]:
+def _point_at(
+    point: BranchPoint, new: BranchPoint, test: TestFunction, s: float
+) -> Requests[BranchPoint | End]:
     """The point between two others in the plane at a distance from the first."""
     seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
     if not seen.found.is_converged:
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     return BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
 
 
@@ -100,7 +107,7 @@ def _just_before(point: BranchPoint, event: BranchPoint) -> Requests[BranchPoint
 
 def special_points(
     walk: DirectedBranch, point: BranchPoint, new: BranchPoint
-) -> Requests[tuple[list[BranchPoint], bool]]:
+) -> Requests[tuple[list[BranchPoint], bool] | End]:
     """Bifurcations on a step, in order, and whether the number of unstable multipliers implies no more of them."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
@@ -112,10 +119,14 @@ def special_points(
         if test.kind == Kind.BRANCH_POINT and any(at.kind in (Kind.FOLD, Kind.HALF_PERIOD) for at in found):
             continue
         at = yield from (branch_point if test.kind == Kind.BRANCH_POINT else locate)(point, new, test)
+        if isinstance(at, End):
+            return at
         if not _is_there(test, at.seen):
             continue
         if test.kind in (Kind.FOLD, Kind.BRANCH_POINT) and walk.rounds % 2:
             at = (yield from end_of_doubled(walk.num_periods, at)) or at
+            if isinstance(at, End):
+                return at
         changes: dict[str, int] = {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}
         change += changes.get(at.kind, 1)
         found.append(at)

@@ -10,9 +10,9 @@ from .._trajectory.simulate import simulate
 from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
-from .kinds import End
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchEnd, BranchPoint, at_parameter, corrected
+from .point import BranchPoint, End, at_parameter, corrected
 from .requests import Requests
 from .scheduler import drive
 from .sequence_switching import in_section
@@ -70,7 +70,7 @@ class KnownOrbits:
     def _chances(self, which: list[int], number: int, branch: Branch) -> Iterator[_Chance]:
         points = branch.points
         # The last point of a closed branch comes before its first one.
-        rows = np.arange(len(branch) + (branch.ends[1] == End.CLOSED)) % len(branch)
+        rows = np.arange(len(branch) + (branch.ends[1] == EndKind.CLOSED)) % len(branch)
         values = branch.values[rows]
         z = np.concatenate([points["x0"].values, points["v0"].values], axis=1)[rows]
         num_periods = points.attrs["num_periods"]
@@ -147,9 +147,8 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Requests[C
 
 def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> Requests[bool]:
     """True if a cycle is the orbit; False for one that has no state at its start, as its events are out of order."""
-    try:
-        point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
-    except BranchEnd:
+    point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
+    if isinstance(point, End):
         return False
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
     return bool(away < MEMBER_SAME * np.abs(chance.states).max())

@@ -22,9 +22,9 @@ from .bracket import Bracket, next_trial
 from .branch import Branch, branch_of
 from .cycle_quantities import checked_names, run_of_cycle
 from .kernels import CorrectedCycle, room_for
-from .kinds import MONITOR, STOP, End, Kind, PublicKind, public_kind
+from .kinds import MONITOR, STOP, EndKind, Kind, PublicKind, public_kind
 from .parameter_family import Family
-from .point import BranchPoint, DirectedBranch, PlainPoint, between, on_plane
+from .point import BranchPoint, DirectedBranch, End, PlainPoint, between, on_plane
 from .requests import Requests
 from .scheduler import drive
 from .sequence_edits import are_alike
@@ -111,7 +111,7 @@ class WatchedWalk:
             self.num_seen += 1
         if self.reason:
             self.walk.end = self.reason
-        elif self.walk.end == End.CLOSED and self.walk.points:
+        elif self.walk.end == EndKind.CLOSED and self.walk.points:
             self._close()
 
     def _pass(self, point: BranchPoint) -> None:
@@ -223,7 +223,8 @@ def _zero_between(
         bracket = bracket.narrowed(s, value)
     if best is None or not abs(value) <= ZERO * max(map(abs, ends)):
         return None
-    return (yield from in_section(best, num_periods))
+    point = yield from in_section(best, num_periods)
+    return None if isinstance(point, End) else point
 
 
 def _way_between(

@@ -9,7 +9,7 @@ import numpy as np
 from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, corrected_cycle, trimmed
-from .kinds import End
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle
 from .requests import KernelCall, Requests, ask, simulation_of
 from .tolerances import LONGEST_STEP
@@ -148,7 +148,7 @@ class DirectedBranch:
     points: list[BranchPoint | PlainPoint] = field(default_factory=list)
     cascade: list[tuple[int, BranchPoint]] = field(default_factory=list)
     rounds: int = 1
-    end: str = End.INTERRUPTED
+    end: str = EndKind.INTERRUPTED
     monitored: list[BranchPoint] = field(default_factory=list)
     last: float | None = None
     budget: Budget = field(default_factory=Budget)
@@ -171,12 +171,20 @@ class DirectedBranch:
         return min(self.bounds, key=lambda bound: abs(bound - p))
 
 
-class BranchEnd(Exception):
-    """End of a branch; the message is its reason."""
+class End(NamedTuple):
+    """End of a branch.
+
+    Attributes:
+        kind: its reason, an `EndKind` or the kind of the bifurcation that no branch passes.
+        point: the point where it ends, if the walk has it not yet.
+    """
+
+    kind: str
+    point: BranchPoint | None = None
 
 
-class TooManyEvents(BranchEnd):
-    """End of a branch at a cycle with more events than there is room for."""
+class TooManyEvents(Exception):
+    """A branch requests a cycle with more events than there is room for, which ends it."""
 
 
 def at_parameter(sequence: Sequence, guess: ExtendedCycle, p: float) -> Requests[CorrectedCycle]:

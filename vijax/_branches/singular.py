@@ -16,9 +16,9 @@ from .._orbits.sequence import Sequence
 from .corrector import evaluate_at
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
 from .kernels import CorrectedCycle, as_corrected_cycle, trimmed
-from .kinds import End, Kind
+from .kinds import EndKind, Kind
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchEnd, BranchPoint, between, on_plane
+from .point import BranchPoint, End, between, on_plane
 from .requests import KernelCall, Requests, ask, location_on
 from .sequence_edits import in_a_row
 from .test_functions import TestFunction
@@ -75,24 +75,24 @@ def doubling(family: Family, sequence: Sequence, guess: ExtendedCycle) -> Doubli
     return Doubling(defining.place(solved.y)[0], solved.is_found, is_likely)
 
 
-def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint]:
+def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
     """The branch point between two points of a branch."""
     length = new.arc - point.arc
     nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
     known = yield from _seen_at(point, new, nodes)
     s = _root_of(np.array([s for s, _ in known]), np.array([test.of(seen) for _, seen in known]), length)
     if not np.isfinite(s):
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     guess = between(point, new, s / length)
     place, is_found = yield from ask(KernelCall(crossing, point.sequence, (guess,)))
     place = trimmed(place, len(point.sequence.kind))
     if not is_found or not place.distance(guess) < CROSSING_NEAR:
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     s = place.along(point.tangent) - point.place.along(point.tangent)
     return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
 
 
-def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoint | None]:
+def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoint | End | None]:
     """The end of a doubled branch at its period doubling, near a point; None if it does not end there."""
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
@@ -118,7 +118,7 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoi
     if not (found.is_likely and is_end):
         return None
     if not found.is_found:
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     twice, place = in_a_row([(once, trimmed(found.place, num))] * 2, half)
     return (yield from _point_at(twice, place, point.tangent, point.arc, Kind.HALF_PERIOD))
 

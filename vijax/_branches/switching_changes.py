@@ -17,7 +17,7 @@ from .behind_event import (
 )
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchEnd, BranchPoint, is_followed
+from .point import BranchPoint, End, is_followed
 from .requests import Requests
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
@@ -29,16 +29,14 @@ _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDIN
 _OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
 
 
-def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | None]:
+def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End | None]:
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
     if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
-        raise BranchEnd(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
     together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
-        try:
-            return (yield from _with_impacts(event, together))
-        except BranchEnd:
-            return (yield from _with_contacts(event, together))
+        new = yield from _with_impacts(event, together)
+        return new if isinstance(new, BranchPoint) else (yield from _with_contacts(event, together))
     if test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT:
         other = _events_behind_lost_impacts(event, together)
         return (yield from _with_other_reversal(event, *other)) if other else None
@@ -47,15 +45,13 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     return (yield from _with_merged_events(event, test, together))
 
 
-def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint]:
+def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:
     """Continue behind a touch of rigid stops."""
     sequence, place, impacts = events_behind_touches(event, stops)
     if len(stops) == 1:
         return (yield from _with_other_reversal(event, sequence, place))
     new = yield from with_earlier_impacts(event, sequence, place, impacts)
-    if new is None:
-        raise BranchEnd(Kind.GRAZING)
-    return new
+    return End(Kind.GRAZING) if new is None else new
 
 
 def events_behind_touches(event: BranchPoint, stops: list[int]) -> tuple[Sequence, ExtendedCycle, list[int]]:
@@ -89,20 +85,19 @@ def _events_behind_lost_impacts(event: BranchPoint, lost: list[int]) -> tuple[Se
 
 def _with_other_reversal(
     event: BranchPoint, sequence: Sequence, place: ExtendedCycle
-) -> Requests[BranchPoint]:
+) -> Requests[BranchPoint | End]:
     """Continue behind a grazing, with or without an impact, on other events."""
     at = yield from corrected_on_sequence(sequence, place, event)
+    if isinstance(at, End):
+        return at
     for is_ahead in (True, False):
-        try:
-            new = yield from step_off(at, is_ahead, STEP_OFF_LIGHT)
-        except BranchEnd:
-            continue
-        if (yield from is_followed(new)):
+        new = yield from step_off(at, is_ahead, STEP_OFF_LIGHT)
+        if isinstance(new, BranchPoint) and (yield from is_followed(new)):
             return new
-    raise BranchEnd(Kind.GRAZING)
+    return End(Kind.GRAZING)
 
 
-def _with_contacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint]:
+def _with_contacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:
     """Continue behind the touch of compliant contacts: each closes and opens, with a given short time between."""
     touches = sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]
     for opening in (OPEN, OPEN + SECOND):
@@ -116,7 +111,7 @@ def _with_contacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint
             new = yield from followed_beside(event, sequence, place, weights)
             if new is not None:
                 return new
-    raise BranchEnd(Kind.GRAZING)
+    return End(Kind.GRAZING)
 
 
 def _stops_at_impact(sequence: Sequence, test: TestFunction) -> bool:
@@ -128,7 +123,7 @@ def _stops_at_impact(sequence: Sequence, test: TestFunction) -> bool:
     return bool(sequence.kind[k - 1] == IMPACT and sequence.kind[k] == STICK and is_slip)
 
 
-def _with_other_slip(event: BranchPoint, k: int) -> Requests[BranchPoint]:
+def _with_other_slip(event: BranchPoint, k: int) -> Requests[BranchPoint | End]:
     """Continue behind a stick right after an impact with a slip in the other direction between the two."""
     mode, stop = event.sequence.mode.copy(), event.sequence.stop[k]
     mode[k, stop] = _OTHER_WAY[mode[k, stop]]
@@ -136,21 +131,27 @@ def _with_other_slip(event: BranchPoint, k: int) -> Requests[BranchPoint]:
     return (yield from oriented(sequence, event.place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_merged_events(event: BranchPoint, test: TestFunction, together: list[int]) -> Requests[BranchPoint]:
+def _with_merged_events(
+    event: BranchPoint, test: TestFunction, together: list[int]
+) -> Requests[BranchPoint | End]:
     """Continue behind two events of one element that meet, without them, or with one event in their place.
 
     Pairs that meet `together` with them are merged as well.
     """
     sequence, place, k = event.sequence, event.place, test.index
     if test.kind == Kind.GRAZING:
-        k = later_of_meeting(event, k)
-        together = [later_of_meeting(event, one) for one in together]
+        later = [later_of_meeting(event, one) for one in (k, *together)]
+        if None in later:
+            return End(Kind.GRAZING)
+        k, *together = (one for one in later if one is not None)
     elif not (test.of_flight and test.kind in _OF_STICKS):
-        raise BranchEnd(test.kind)  # an event appears, or two elements switch at once
+        return End(test.kind)  # an event appears, or two elements switch at once
     stop, num = int(sequence.stop[k]), sequence.mode.shape[1]
     for one in sorted({*together})[::-1]:
         sequence, place = with_events_merged(sequence, place, one)
     at = yield from corrected_on_sequence(sequence, place, event)
+    if isinstance(at, End):
+        return at
     rates, least = at.seen.rates, at.seen.watched.force
     guard = min((stop, stop + num), key=lambda j: abs(least[j]))
     rates_of: dict[str, Any] = {
@@ -162,10 +163,8 @@ def _with_merged_events(event: BranchPoint, test: TestFunction, together: list[i
     return (yield from step_off(at, float(rate) > 0))
 
 
-def later_of_meeting(event: BranchPoint, k: int) -> int:
-    """Number of the later of two events of one compliant contact of which `k` is one, with no time between."""
+def later_of_meeting(event: BranchPoint, k: int) -> int | None:
+    """Number of the later of two events of one compliant contact of which `k` is one, with no time between; None if it has none."""
     flights, stop = np.append(event.place.flights, np.inf), np.append(event.sequence.stop, -1)
     pairs = [i for i in (k, k + 1) if i and stop[i] == stop[i - 1]]
-    if not pairs:
-        raise BranchEnd(Kind.GRAZING)
-    return min(pairs, key=lambda i: abs(flights[i]))
+    return min(pairs, key=lambda i: abs(flights[i]), default=None)
