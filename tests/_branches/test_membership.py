@@ -4,9 +4,9 @@ import pytest
 
 import vijax as vx
 from vijax._branches import membership
-from vijax._branches.kinds import End
+from vijax._branches.kinds import EndKind
 from vijax._branches.membership import KnownOrbits
-from vijax._branches.point import BranchEnd
+from vijax._branches.point import End
 from vijax._branches.starts import starting_orbits
 
 pytestmark = pytest.mark.thorough
@@ -32,7 +32,7 @@ def test_a_cycle_without_a_state_at_its_start_is_no_orbit(followed, monkeypatch)
 
     def in_section(point, num_periods):
         yield from ()
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
 
     monkeypatch.setattr(membership, "in_section", in_section)
     orbit, branch = followed

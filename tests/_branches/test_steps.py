@@ -8,9 +8,10 @@ import pytest
 from vijax._branches import test_functions as tests
 from vijax._branches.admissibility import LeastMargins, Margins
 from vijax._branches.corrector import Corrected
-from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, KernelCall, corrected_cycle, padded
+from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, corrected_cycle, padded
 from vijax._branches.parameter_family import ExtendedCycle
 from vijax._branches.point import BranchPoint, PlainPoint, TooManyEvents, stacked_cycles
+from vijax._branches.requests import KernelCall
 from vijax._branches.scheduler import _next_request
 from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
 from vijax._hybrid.limits import IMPACT, RELEASE

@@ -20,6 +20,7 @@ from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, 
 from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effective, held_in
 from .._trajectory.batched import row_of_lane
 from .minima import dip
+from .tolerances import END_OF_FLIGHT
 
 # `_DENSITY`: samples per radian of the fastest part of the motion. `_DENSER`: the same where readings have a derivative less:
 # of several minima that is refined which is lowest between samples.
@@ -29,8 +30,6 @@ _DENSITY, _DENSER, _MOST, _STEPS = 0.7, 1.4, 10_000, 6
 # `_OF_GAP`, `_OF_FORCE`: number of time derivatives of gaps and of contact forces in a reading, the value included; of
 # machines with friction or compliant contacts as many of all guards as of forces.
 _OF_GAP, _OF_FORCE = 4, 3
-# Time from the end of a flight, in forcing periods, that is rounding.
-_AT_END = 1e-13
 
 
 class LeastMargins(NamedTuple):
@@ -232,7 +231,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     # The gap is least at an interior minimum, the contact force there or where a stick begins.
     left = _of_guards(sequence, _leaving_stops(sequence, k, course.passed))
     gap = dip(before.gap, now.gap, step, (i == 1) & left)
-    has_length = is_on & ~is_first & (longest > _AT_END * course.whole)
+    has_length = is_on & ~is_first & (longest > END_OF_FLIGHT * course.whole)
     turns = has_length & ~held & gap.is_there
     turns = turns if idle is None else turns & ~idle
     gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)
@@ -307,7 +306,7 @@ def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMa
         since = jnp.maximum(time + problem.phase - jax.lax.stop_gradient(begin.time), 0)
         if sequence.is_switching:
             whole = _of_flight(begins.time, jnp.minimum(flight + 1, len(sequence.kind))) - begin.time
-            since = jnp.where(jnp.abs(since - whole) < _AT_END, whole, since)
+            since = jnp.where(jnp.abs(since - whole) < END_OF_FLIGHT, whole, since)
         return read(machine, flow, begin, jnp.asarray(sequence.mode)[flight], since)
 
     flights = jnp.concatenate([watched.gap_flight, watched.force_flight, watched.rise_flight])

@@ -6,28 +6,12 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .kernels import trimmed
-from .kinds import End, Kind
+from .kinds import EndKind, Kind
 from .parameter_family import ExtendedCycle
-from .point import (
-    BranchEnd,
-    BranchPoint,
-    KernelRequests,
-    at_parameter,
-    correct_with_free_parameter,
-    corrected,
-    is_followed,
-)
+from .point import BranchPoint, End, at_parameter, correct_with_free_parameter, corrected, is_followed
+from .requests import Requests
 from .test_functions import TestFunction, tests_of
-
-# Lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
-_OFF = 1e-7, 1e-8, 1e-9, 1e-10
-# Size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one, both
-# vanish as the square of what tells the cycles apart.
-_TOGETHER = 1e-7
-# Times, in forcing periods, by which such impacts come before their touch.
-_EARLIER = 1e-4, 1e-5, 1e-3
-# Distance behind an event that is no jump, and share of the way to it at which a larger one must be smaller.
-_JUMP, _NEARER = 1e-5, 0.1
+from .tolerances import EARLIER_IMPACTS, JUMP_NEARER, NO_JUMP, STEP_OFF, VANISHES_TOGETHER
 
 
 def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
@@ -37,7 +21,7 @@ def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
     """
     positions, velocities = np.split(np.abs(event.seen.start), 2)
     sizes: dict[str, float] = {Kind.TOUCH: positions.max(), Kind.GRAZING: velocities.max()}
-    size = _TOGETHER * (1.0 if test.of_flight else sizes.get(test.kind, 0.0))
+    size = VANISHES_TOGETHER * (1.0 if test.of_flight else sizes.get(test.kind, 0.0))
     return [
         one.index
         for one in tests_of(event.sequence)
@@ -48,7 +32,7 @@ def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
 
 def with_earlier_impacts(
     event: BranchPoint, sequence: Sequence, place: ExtendedCycle, impacts: list[int]
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The followed point behind an event with several new impacts, which come earlier by a given time; None if none is.
 
     The tangent at the event does not tell in which proportion they do.
@@ -56,7 +40,7 @@ def with_earlier_impacts(
     is_impact = np.isin(np.arange(len(place.flights)), impacts).astype(float)
     sum_of_times = np.cumsum(is_impact[::-1])[::-1]
     weights = ExtendedCycle(0 * place.z, sum_of_times, 0 * place.p)
-    for earlier in _EARLIER:
+    for earlier in EARLIER_IMPACTS:
         guess = place._replace(flights=place.flights - earlier * np.diff(is_impact, prepend=0.0))
         new = yield from followed_beside(event, sequence, guess, weights)
         if new is not None:
@@ -66,7 +50,7 @@ def with_earlier_impacts(
 
 def followed_beside(
     event: BranchPoint, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The point behind an event in the plane of a guess; None unless the machine follows it and it is joined to the event."""
     seen = yield from corrected(sequence, guess, weights, guess.along(weights))
     if not seen.found.is_converged:
@@ -77,23 +61,27 @@ def followed_beside(
     return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
 
 
-def corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> KernelRequests:
+def corrected_on_sequence(
+    sequence: Sequence, place: ExtendedCycle, event: BranchPoint
+) -> Requests[BranchPoint | End]:
     """The point of an event, corrected on another sequence."""
     seen = yield from correct_with_free_parameter(sequence, place)
     if not seen.found.is_converged:
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
 def oriented(
     sequence: Sequence, place: ExtendedCycle, event: BranchPoint, ahead: Callable[[BranchPoint], float]
-) -> KernelRequests:
+) -> Requests[BranchPoint | End]:
     """The point on the new sequence, in the direction in which a value of its tangent is positive."""
     at = yield from corrected_on_sequence(sequence, place, event)
-    return (yield from step_off(at, ahead(at) > 0))
+    return at if isinstance(at, End) else (yield from step_off(at, ahead(at) > 0))
 
 
-def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = _OFF) -> KernelRequests:
+def step_off(
+    at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = STEP_OFF
+) -> Requests[BranchPoint | End]:
     """A point close behind, in the direction of the tangent or the opposite one."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in lengths:
@@ -104,15 +92,15 @@ def step_off(at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] 
         is_near = seen.found.is_converged and new.place.distance(guess) < ds
         if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
             return new
-    raise BranchEnd(End.SEVERAL_EVENTS)
+    return End(EndKind.SEVERAL_EVENTS)
 
 
-def is_joined(event: BranchPoint, new: BranchPoint) -> KernelRequests:
+def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:
     """False if the cycles on the events of a new point keep their distance from an event as their parameter comes near."""
     away = np.abs(new.place.z - event.place.z).max()
-    if away < _JUMP:
+    if away < NO_JUMP:
         return True
-    p = event.place.p + _NEARER * (new.place.p - event.place.p)
+    p = event.place.p + JUMP_NEARER * (new.place.p - event.place.p)
     seen = yield from at_parameter(new.sequence, new.place._replace(p=np.asarray(p)), float(p))
     is_nearer = np.abs(seen.found.place.z - event.place.z).max() < away / 2
     return bool(is_nearer or not seen.found.is_converged)

@@ -14,16 +14,13 @@ from .scheduler import drive
 from .sequence_edits import with_event, with_events_merged
 from .starts import Start, family_of, starting_orbits
 from .switching_changes import later_of_meeting
-from .test_functions import CLOSE as NEAR, TestFunction, kind_at, tests_of
+from .test_functions import TestFunction, kind_at, tests_of
+from .tolerances import AT_BIFURCATION, NO_DURATION, NO_SPEED
 
 _NO_SYSTEM: dict[str, str] = {
     Kind.CHATTER_COMPLETION: 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
     'or "fold".',
 }
-# Speed of a grazing impact, relative to the fastest mass.
-_LIGHT = 1e-9
-# Duration of a flight that counts as zero, in forcing periods.
-_MOMENT = {"float64": 1e-9, "float32": 1e-4}
 
 
 def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[DefiningSystem, ExtendedCycle]:
@@ -66,7 +63,7 @@ def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Famil
 def _at_multiplier(point: Bifurcation) -> AbstractCondition:
     multipliers = point.branch.points["multipliers"].values[point.index]
     away = np.abs(multipliers + 1) if point.kind == Kind.PERIOD_DOUBLING else np.abs(np.abs(multipliers) - 1)
-    if point.kind == Kind.PERIOD_DOUBLING and not away.min() < NEAR:
+    if point.kind == Kind.PERIOD_DOUBLING and not away.min() < AT_BIFURCATION:
         raise ValueError(
             "The orbit of this point is another one twice: take the period doubling on the branch of that one."
         )
@@ -103,7 +100,7 @@ def with_bifurcation_event(
     if test.kind == Kind.FORCE_ZERO:
         flight, time = int(watched.force_flight[k]), float(watched.force_time[k])
         sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
-        k, is_tangent = flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
+        k, is_tangent = flight, bool(place.flights[flight] > NO_DURATION[str(place.flights.dtype)])
     return sequence, place, k, is_tangent
 
 
@@ -121,7 +118,12 @@ def _with_switching_event(
         return sequence, place, k, True
     if test.of_flight or test.kind == Kind.GRAZING:
         at = BranchPoint.of(sequence, seen, 0.0)
-        k = k if test.of_flight else later_of_meeting(at, k)
+        meeting = k if test.of_flight else later_of_meeting(at, k)
+        if meeting is None:
+            raise ValueError(
+                "No two events of the contact meet at this point: begin at another bifurcation of the branch."
+            )
+        k = meeting
         if kind == Kind.DOUBLE_IMPACT:
             return sequence, place, k, False
         return _with_switching_event(family, kind, *with_events_merged(sequence, place, k))
@@ -134,7 +136,7 @@ def _with_switching_event(
     flight, guard = int(flights[k]), SECOND * (k >= num)
     of_event = (SLIP if is_force else CLOSE) + guard, k % num, flight, float(times[k])
     sequence, place = with_event(sequence, place, *of_event)
-    is_later = bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
+    is_later = bool(place.flights[flight] > NO_DURATION[str(place.flights.dtype)])
     if kind == Kind.DOUBLE_IMPACT:
         # A guard that another event cuts off vanishes at the beginning of its flight, or at the end.
         return sequence, place, flight + is_later, False
@@ -146,6 +148,6 @@ def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunctio
     wanted = (Kind.GRAZING, Kind.TOUCH) if kind == Kind.GRAZING else (kind,)
     tests = [test for test in tests_of(sequence) if test.kind in wanted]
     # A grazing impact is also a touch, with a gap of exactly zero: the impact takes precedence.
-    light = _LIGHT * np.abs(seen.start[len(seen.start) // 2 :]).max()
+    light = NO_SPEED * np.abs(seen.start[len(seen.start) // 2 :]).max()
     impacts = [test for test in tests if test.kind == Kind.GRAZING and abs(test.of(seen)) < light]
     return min(impacts or tests, key=lambda test: abs(test.of(seen)))

@@ -19,9 +19,8 @@ from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation
 from .defining_systems import AbstractCondition, DefiningSystem, implicit_solution, solve
 from .parameter_family import ExtendedCycle
+from .tolerances import VALUE_ROUNDING
 
-# Rounding of what must not be negative on a motion, relative to its size, and of the unfolding.
-_ROUNDING = {"float64": 1e-9, "float32": 1e-4}
 _SENTENCES = (
     "",
     "Newton's method came to no such bifurcation: change the numbers of the machine by less, or follow a branch of it "
@@ -120,7 +119,7 @@ def _solved(
     is_motion = _is_admissible(defining, place)
     # Without the symmetry the branches part, and the unfolding is not zero.
     parts = jnp.max(jnp.abs(solved.defining.condition.unfolding(own)))
-    is_found = solved.is_found & (parts < _ROUNDING[str(solved.y.dtype)])
+    is_found = solved.is_found & (parts < VALUE_ROUNDING[str(solved.y.dtype)])
     return solved.defining.condition, solved.y, jnp.where(is_found, jnp.where(is_motion, 0, 2), 1)
 
 
@@ -138,4 +137,4 @@ def _is_admissible(defining: DefiningSystem, place: ExtendedCycle) -> Array:
         jnp.min(speeds, initial=jnp.inf) / speed,
         jnp.min(place.flights[1:], initial=jnp.inf),
     ]
-    return jnp.min(jnp.stack(least)) > -_ROUNDING[str(length.dtype)]
+    return jnp.min(jnp.stack(least)) > -VALUE_ROUNDING[str(length.dtype)]

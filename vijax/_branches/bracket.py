@@ -4,15 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-# `_TOLERANCE`: of the zero, relative to the first bracket.
-# `_ROUNDING`: of the argument, which is a length in units of the size of a cycle.
-# `_MOST`: largest number of trials.
-_TOLERANCE, _ROUNDING, _MOST = 4e-15, 5e-16, 60
-# `_FLAT`: value of a zero, relative to that at the end before it.
-# `_LEVEL`: change by the slope on the way from there, likewise, of a function that is zero around it.
-_FLAT, _LEVEL = 1e-11, 1e-3
-# `_QUADRATIC`: Newton step behind which the next trial is exact to rounding.
-_QUADRATIC = 1e-9
+from .tolerances import BRACKET, BRACKET_ROUNDING, FLAT_CHANGE, FLAT_VALUE, QUADRATIC
+
+# Largest number of trials.
+_MOST = 60
 # `_SMOOTH`: trials after which a bracket of a smooth function has shrunk by half in each.
 # `_ON_CUBIC`: Newton steps on a cubic.
 _SMOOTH, _ON_CUBIC = 3, 6
@@ -64,7 +59,7 @@ class Bracket(NamedTuple):
 def next_trial(bracket: Bracket) -> float | None:
     """Argument of the next trial; None once the zero is found or the trials are used up."""
     a, b = bracket.ends
-    room = max(_TOLERANCE * bracket.span, _ROUNDING) / max(abs(b - a), 1e-300)
+    room = max(BRACKET * bracket.span, BRACKET_ROUNDING) / max(abs(b - a), 1e-300)
     if room > 0.5 or bracket.trials >= _MOST or (bracket.trials and bracket.values[0] == 0):
         return None
     return a + min(max(bracket.share, room), 1 - room) * (b - a)
@@ -97,16 +92,16 @@ class SlopedBracket(NamedTuple):
         """Bracket with the value and the slope at its next trial: by Newton's method from there, if that stays inside."""
         s, trials = float(self.next or 0), self.trials + 1
         here, (low, high) = (s, value, slope), self.ends
-        if abs(value) < _FLAT * low[1] and abs(slope * (s - low[0])) < _LEVEL * low[1]:
+        if abs(value) < FLAT_VALUE * low[1] and abs(slope * (s - low[0])) < FLAT_CHANGE * low[1]:
             return self._replace(next=None, is_flat=True)
         low, high = (here, high) if value > 0 else (low, here)
         newton = s - value / slope if slope else np.nan
         length, before = abs(high[0] - low[0]), abs(self.ends[1][0] - self.ends[0][0])
         is_inside = min(low[0], high[0]) <= newton <= max(low[0], high[0])
         step = abs(newton - s) if np.isfinite(newton) else np.inf
-        if value == 0 or length <= _ROUNDING or step <= _ROUNDING or trials >= _MOST:
+        if value == 0 or length <= BRACKET_ROUNDING or step <= BRACKET_ROUNDING or trials >= _MOST:
             return SlopedBracket((low, high), None, trials)
-        if step < _QUADRATIC and is_inside:
+        if step < QUADRATIC and is_inside:
             return SlopedBracket((low, high), newton, _MOST - 1)
         middle = (low[0] + high[0]) / 2
         trial = _on_cubic(low, high)

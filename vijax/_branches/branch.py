@@ -32,7 +32,7 @@ from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import AnySystem, bound, machine_of
 from .kernels import CorrectedCycle
-from .kinds import MONITOR, End, public_kind
+from .kinds import MONITOR, EndKind, public_kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 
@@ -228,8 +228,8 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
 
 def _dataset(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> xr.Dataset:
     """Dataset of the points of a branch."""
-    if forth.end == End.CLOSED and back.end in (End.CLOSED, End.MAX_POINTS, End.INTERRUPTED):
-        back = replace(back, points=[], end=End.CLOSED)
+    if forth.end == EndKind.CLOSED and back.end in (EndKind.CLOSED, EndKind.MAX_POINTS, EndKind.INTERRUPTED):
+        back = replace(back, points=[], end=EndKind.CLOSED)
     points = [*back.points[::-1], start, *forth.points]
     seen = stacked_cycles(points)
     arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]

@@ -3,20 +3,17 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .kernels import LocatedState, location_on, trimmed
+from .kernels import trimmed
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, DirectedBranch, KernelRequests, between, on_plane
+from .point import BranchPoint, DirectedBranch, between, on_plane
+from .requests import Requests, ask, location_on
 from .sequence_edits import are_alike
-from .steps import MIN_TANGENT_COSINE
-
-# `_AGAIN`: distance within which two cycles are the same.
-# `_SAME`: distance within which a state has returned in a cycle that repeats a shorter one.
-_AGAIN, _SAME = 1e-8, 1e-6
+from .tolerances import LEAST_COSINE, RETURNED, SAME_CYCLE
 
 
 def repetitions_of(
-    sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = _SAME
-) -> KernelRequests:
+    sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = RETURNED
+) -> Requests[int]:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one, within a distance."""
     num_periods = _finite(num_periods)
     for n in _periods_of_shorter(num_periods):
@@ -26,7 +23,7 @@ def repetitions_of(
     return 1
 
 
-def is_shorter_at(event: BranchPoint, num_periods: int | float, rounds: int, within: float) -> KernelRequests:
+def is_shorter_at(event: BranchPoint, num_periods: int | float, rounds: int, within: float) -> Requests[bool]:
     """Test whether a cycle is a shorter one at an event: its impacts of zero speed there leave the motion as it is."""
     num_periods = _finite(num_periods)
     for n in _periods_of_shorter(num_periods):
@@ -39,9 +36,9 @@ def _periods_of_shorter(num_periods: int) -> list[int]:
     return [n for n in range(1, num_periods) if num_periods % n == 0]
 
 
-def _has_returned(sequence: Sequence, place: ExtendedCycle, n: int, within: float) -> KernelRequests:
+def _has_returned(sequence: Sequence, place: ExtendedCycle, n: int, within: float) -> Requests[bool]:
     """Test whether a cycle is back at its start after n forcing periods."""
-    located: LocatedState = yield location_on(sequence, place, float(n))
+    located = yield from ask(location_on(sequence, place, float(n)))
     return bool(np.abs(located.z - place.z).max() < within)
 
 
@@ -52,22 +49,22 @@ def _finite(num_periods: int | float) -> int:
 
 def is_at_start(
     walk: DirectedBranch, start: BranchPoint, point: BranchPoint, new: BranchPoint
-) -> KernelRequests:
+) -> Requests[bool]:
     """Test whether the step from a point to a new one passes the start of the branch."""
     if not are_alike(start.sequence, point.sequence) or len(walk.points) < 4:
         return False
     tangent, ds = point.tangent, new.arc - point.arc
     s = start.place.along(tangent) - point.place.along(tangent)
-    if not 0 < s <= ds or start.tangent.along(tangent) < MIN_TANGENT_COSINE:
+    if not 0 < s <= ds or start.tangent.along(tangent) < LEAST_COSINE:
         return False
     if start.place.distance(between(point, new, s / ds)) > ds:  # at the level of the step, but far from it
         return False
     seen = yield from on_plane(point, start.place, s)
     found = trimmed(seen.found.place, len(point.sequence.kind))
-    return bool(seen.found.is_converged and found.distance(start.place) < _AGAIN)
+    return bool(seen.found.is_converged and found.distance(start.place) < SAME_CYCLE)
 
 
-def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
+def first_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[int | None]:
     """Index of the first point of a walk that is passed twice; None if its last point is a new one.
 
     A cycle may return shifted by some forcing periods.
@@ -79,8 +76,8 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
         if not isinstance(old, BranchPoint) or not _may_be_same(old, last):
             continue
         for n in range(_finite(walk.num_periods)):
-            located: LocatedState = yield location_on(last.sequence, last.place, float(n))
-            if np.abs(located.z - old.place.z).max() < _AGAIN and (n > 0 or _is_same_way(old, last)):
+            located = yield from ask(location_on(last.sequence, last.place, float(n)))
+            if np.abs(located.z - old.place.z).max() < SAME_CYCLE and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]
     return None
@@ -88,7 +85,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
 
 def _may_be_same(old: BranchPoint, new: BranchPoint) -> bool:
     """True if kind, parameter and events agree: close grazings of different sequences are different points."""
-    is_near = old.kind == new.kind and abs(old.place.p - new.place.p) < _AGAIN
+    is_near = old.kind == new.kind and abs(old.place.p - new.place.p) < SAME_CYCLE
     return bool(is_near and _events(old.sequence) == _events(new.sequence))
 
 
@@ -99,4 +96,4 @@ def _events(sequence: Sequence) -> list[tuple[int, int]]:
 
 def _is_same_way(old: BranchPoint, new: BranchPoint) -> bool:
     """True if a branch passes a point twice in the same direction, unlike where it crosses itself."""
-    return bool(old.tangent.along(new.tangent) > MIN_TANGENT_COSINE)
+    return bool(old.tangent.along(new.tangent) > LEAST_COSINE)

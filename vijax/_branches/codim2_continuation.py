@@ -13,23 +13,25 @@ from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
 from .defining_systems import AtEvent, AtTurn, DefiningSystem, Plane
-from .kernels import KernelCall, location_on, padded, simulation_of, trimmed
-from .kinds import End
+from .kernels import padded, trimmed
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle
-from .point import TRUSTED
+from .requests import KernelCall, T, location_on, simulation_of
 from .scheduler import answer
 from .sequence_edits import passed_section, shifted
+from .tolerances import (
+    CURVE_IS_BACK,
+    CURVE_ON_BOUND,
+    FIRST_ON_CURVE,
+    LEAST_COSINE,
+    LONGEST_ON_CURVE,
+    SHORTEST_ON_CURVE,
+    TRUSTED,
+)
 
-# `_FIRST`: length of the first step.
-# `_LONGEST`: length of the longest.
-# `_SHORTEST`: length of the shortest.
-_FIRST, _LONGEST, _SHORTEST = 2e-3, 2e-2, 1e-9
-# `_TURN`: cosine of the largest angle between the tangents at the ends of a step.
 # `_FEW`: largest number of Newton iterations after which steps grow.
 # `_MANY`: largest number of Newton iterations of an accepted step.
-_TURN, _FEW, _MANY = 0.98, 4, 7
-# Distance within which a point lies on a bound, in the scale of the parameters.
-_ON_BOUND = 1e-12
+_FEW, _MANY = 4, 7
 
 
 class CurveState(NamedTuple):
@@ -118,13 +120,13 @@ class Curve:
 
     def follow(self, begun: CurveState, bar: tqdm, found: list[CurveState]) -> str:
         """Append the points in the direction of `begun` to `found`; return why they end."""
-        here, ds, why = begun, _FIRST, ""
+        here, ds, why = begun, FIRST_ON_CURVE, ""
         while len(found) < self.most:
-            if ds < _SHORTEST:
+            if ds < SHORTEST_ON_CURVE:
                 return why
             new = _step(here, ds)
             if new is None:
-                ds, why = ds / 2, End.NOT_CONVERGED
+                ds, why = ds / 2, EndKind.NOT_CONVERGED
                 continue
             bound = self._at_bound(here, new.at)
             points, end = self._met(here, new if bound is None else bound)
@@ -134,17 +136,17 @@ class Curve:
             # An event that passes the start of the cycle only renumbers the events.
             points[-1] = _in_section(points[-1])
             if not _is_followed(points[-1]):
-                ds, why = ds / 2, End.LEFT_THE_STOPS
+                ds, why = ds / 2, EndKind.LEFT_THE_STOPS
                 continue
             found += points
             bar.update(len(points))
             if bound is not None:
-                return End.BOUNDS
+                return EndKind.BOUNDS
             if len(found) > 2 and _is_back(begun.at, here.at, new.at):
-                return End.CLOSED
+                return EndKind.CLOSED
             here = found[-1]
-            ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
-        return End.MAX_POINTS
+            ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), LONGEST_ON_CURVE)
+        return EndKind.MAX_POINTS
 
     def _at_bound(self, here: CurveState, new: CurvePoint) -> CurveNeighbourhood | None:
         """Point of the curve at the first bound between two points, or None."""
@@ -153,7 +155,7 @@ class Curve:
             ((bound - p[k]) / (ahead[k] - p[k]), k, bound)
             for k, bounds in enumerate(self.box)
             for bound, side in zip(bounds, (-1, 1), strict=True)
-            if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -_ON_BOUND
+            if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -CURVE_ON_BOUND
         ]
         if not crossed:
             return here.seen if np.any((ahead < self.box[:, 0]) | (ahead > self.box[:, 1])) else None
@@ -193,7 +195,7 @@ def _step(here: CurveState, ds: float) -> CurveNeighbourhood | None:
     """Next point, or None if the curve is too curved for such a step."""
     new = here.ahead(ds)
     at = new.at
-    is_sound = at.is_found and at.tangent @ here.at.tangent > _TURN and at.num_steps <= _MANY
+    is_sound = at.is_found and at.tangent @ here.at.tangent > LEAST_COSINE and at.num_steps <= _MANY
     return new if is_sound else None
 
 
@@ -207,11 +209,11 @@ def _is_followed(here: CurveState) -> bool:
 
 def _is_back(begun: CurvePoint, here: CurvePoint, new: CurvePoint) -> bool:
     """True if a step passes the first point of the curve."""
-    if len(begun.y) != len(new.y) or begun.tangent @ new.tangent < _TURN:
+    if len(begun.y) != len(new.y) or begun.tangent @ new.tangent < LEAST_COSINE:
         return False
     way, passed = new.y - here.y, begun.y - here.y
     share = (passed @ way) / (way @ way)
-    return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < 0.1 * np.linalg.norm(way))
+    return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < CURVE_IS_BACK * np.linalg.norm(way))
 
 
 def _in_section(here: CurveState) -> CurveState:
@@ -222,7 +224,7 @@ def _in_section(here: CurveState) -> CurveState:
     if by == 0:
         return here
     z = _answer(here, location_on(sequence, place, 0.0 if by > 0 else num_periods)).z
-    sequence, place = shifted(sequence, place, by, num_periods, z)
+    sequence, place = shifted(sequence, place, by, num_periods, np.asarray(z))
     condition = replace(here.defining.condition, own=here.at.own)
     if isinstance(condition, AtEvent | AtTurn):
         condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
@@ -232,6 +234,6 @@ def _in_section(here: CurveState) -> CurveState:
     return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
 
 
-def _answer(here: CurveState, request: KernelCall):
+def _answer(here: CurveState, request: KernelCall[T]) -> T:
     """Result of a kernel for the family of a point."""
     return answer(here.defining.family, request)

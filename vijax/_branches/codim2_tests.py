@@ -17,7 +17,6 @@ from .kinds import Kind, public_kind
 from .parameter_family import ExtendedCycle
 from .sequence_edits import with_order_exchanged, without_event
 from .test_functions import (
-    CLOSE as NEAR,
     TestFunction,
     is_between_events,
     kind_at,
@@ -27,13 +26,10 @@ from .test_functions import (
     of_pairs,
     tests_of,
 )
+from .tolerances import AT_BIFURCATION, CURVE_ZERO, DEPENDENT, INFINITE_MULTIPLIER
 
 Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 
-# `_INFINITE`: modulus of an infinite multiplier.
-# `_DEPENDENT`: independence, see `LinearisedReturn`, that counts as zero.
-# `_ROUNDING`: gap or force that counts as zero.
-_INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
 # Strong resonances, where orbits of other periods meet: angle of the pair of multipliers, whether the curve ends.
 _ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, False), "1:4": (np.pi / 2, False)}
 # Multipliers at each kind of point.
@@ -67,7 +63,7 @@ class CurveTest(NamedTuple):
     def is_met(self, before: CurveNeighbourhood, after: CurveNeighbourhood) -> bool:
         """True if the function vanishes on a step."""
         first, last = self.of(before, before), self.of(after, before)
-        return bool(first >= -_ROUNDING > last if self.is_end else first * last < 0)
+        return bool(first >= -CURVE_ZERO > last if self.is_end else first * last < 0)
 
 
 def curve_tests(kind: str, defining: DefiningSystem, sequence: Sequence) -> list[CurveTest]:
@@ -144,7 +140,7 @@ def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     if (
         Kind.GRAZING in kinds
         and {Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER} & {*kinds}
-        and independence < _DEPENDENT
+        and independence < DEPENDENT
     ):
         return "resonant_grazing"
     if Kind.NEIMARK_SACKER in kinds:
@@ -152,14 +148,14 @@ def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     near = _NEAR.get(name) or [
         _NEAR[kind][0] for kind in kinds if kind in (Kind.FOLD, Kind.BRANCH_POINT, Kind.PERIOD_DOUBLING)
     ]
-    is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(NEAR)) >= near.count(a) for a in near)
+    is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(AT_BIFURCATION)) >= near.count(a) for a in near)
     return name if is_there else ""
 
 
 def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
     """Finite multipliers on a face without those that define the curve."""
     mu = np.asarray(seen.faces[face].multipliers)
-    mu = mu[np.abs(mu) < _INFINITE]
+    mu = mu[np.abs(mu) < INFINITE_MULTIPLIER]
     theta = np.zeros(1) if kind == Kind.BRANCH_POINT else np.asarray(seen.at.own)  # empty for events
     own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == Kind.NEIMARK_SACKER else theta))
     for value in own[: len(mu)]:

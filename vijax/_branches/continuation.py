@@ -13,15 +13,14 @@ from .._orbits.orbit import PeriodicOrbit
 from .._progress import Interrupted, interrupt_with_result, tqdm
 from .._system.parameters import machine_at
 from .branch import Branch, branch_of
-from .corrector import MOST_TOLERANCE
 from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
 from .follow import follow_branch
 from .monitors import Monitors, Stop, Watched, WatchedWalk, checked_monitors
 from .parameter_family import Family
-from .point import LONGEST, BranchPoint, Budget, DirectedBranch
+from .point import BranchPoint, Budget, DirectedBranch
 from .scheduler import drive
 from .starts import Start, families_of, points_of, refuse_start, starting_orbits
-from .steps import PROBE
+from .tolerances import LONGEST_STEP, MOST_TOLERANCE, PROBE_STEP
 
 
 @overload
@@ -163,12 +162,12 @@ class Following(NamedTuple):
             ValueError: if it is not between the shortest one and the bounds.
         """
         if self.step is None:
-            return LONGEST
+            return LONGEST_STEP
         longest = self.step / span
-        if not PROBE <= longest <= 1:
+        if not PROBE_STEP <= longest <= 1:
             raise ValueError(
-                f"Argument `step` must be between {PROBE * span:g} and {span:g}, a share of {PROBE:g} and all of the bounds, "
-                f"but is {self.step:g}."
+                f"Argument `step` must be between {PROBE_STEP * span:g} and {span:g}, a share of {PROBE_STEP:g} and all of the "
+                f"bounds, but is {self.step:g}."
             )
         return longest
 

@@ -13,10 +13,9 @@ from .._orbits.cycle import linearise
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, Family
+from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
 
-# `_SMALL`: a step below it counts as converged; so no tolerance exceeds `MOST_TOLERANCE`. The rest as in `newton.py`.
-_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
-_MAX_STEPS, MOST_TOLERANCE = 12, 1e-8
+_MAX_STEPS = 12
 
 
 class Corrected(NamedTuple):
@@ -59,8 +58,8 @@ class NewtonState(NamedTuple):
 
 def is_going_on(now: NewtonState, tolerance: Array) -> Array:
     """True where another Newton step is worth it."""
-    eps, small = jnp.finfo(now.step.dtype).eps, _SMALL[str(now.step.dtype)]
-    is_rounding = (now.step < jnp.maximum(_ROUNDING * eps, tolerance)) | (
+    eps, small = jnp.finfo(now.step.dtype).eps, NEWTON_CONVERGED[str(now.step.dtype)]
+    is_rounding = (now.step < jnp.maximum(NEWTON_ROUNDING * eps, tolerance)) | (
         (now.step < small) & (now.step >= now.last / 2)
     )
     return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
@@ -68,7 +67,7 @@ def is_going_on(now: NewtonState, tolerance: Array) -> Array:
 
 def is_converged(now: NewtonState) -> Array:
     """True where the last step is rounding."""
-    return now.step < _SMALL[str(now.step.dtype)]
+    return now.step < NEWTON_CONVERGED[str(now.step.dtype)]
 
 
 def correct(

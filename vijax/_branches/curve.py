@@ -17,12 +17,10 @@ from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation
 from .codim2_continuation import Curve, CurveState, begin_curve
 from .defining_systems import AtBranchPoint, DefiningSystem
-from .kinds import End
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle
 from .starts import family_of, starting_orbits
-
-# Largest rate of the unfolding along a curve on which branches keep crossing.
-_KEPT = 1e-6
+from .tolerances import CROSSING_KEPT
 
 
 @padding_allowed
@@ -89,14 +87,14 @@ def bifurcation_curve(
     curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most)
     back: list[CurveState] = []
     forth: list[CurveState] = []
-    ends: list[str] = [End.INTERRUPTED, End.INTERRUPTED]
+    ends: list[str] = [EndKind.INTERRUPTED, EndKind.INTERRUPTED]
 
     def result_so_far() -> xr.Dataset:
         return _dataset(point, path, [*back[::-1], begun, *forth], ends)
 
     with tqdm(unit="point", disable=not progress) as bar, interrupt_with_result(result_so_far):
         ends[0] = curve.follow(begun.turned(), bar, back)
-        ends[1] = End.CLOSED if ends[0] == End.CLOSED else curve.follow(begun, bar, forth)
+        ends[1] = EndKind.CLOSED if ends[0] == EndKind.CLOSED else curve.follow(begun, bar, forth)
     return result_so_far()
 
 
@@ -116,7 +114,7 @@ def _with_second_parameter(
 
 def _check_crossing(begun: CurveState, path: str) -> None:
     """Refuse a branch point whose branches part when the second parameter varies."""
-    if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > _KEPT:
+    if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > CROSSING_KEPT:
         raise ValueError(
             f"The branches of this point cross by a symmetry that `{path}` breaks: they part, and it has no curve. "
             "Take a parameter that keeps the symmetry."

@@ -27,12 +27,11 @@ from .._system.system import AnySystem, ImpactSystem, machine_of
 from .._trajectory.simulate import simulate
 from .._trajectory.solution import RESULTS, Solution
 from .branch import Branch
+from .tolerances import LEFT_ORBIT
 
 # A quantity: one by its name, or a function of one cycle.
 Quantity = str | Callable[[Solution], Any]
 Quantities = Sequence[str] | Mapping[str, Quantity]
-# Distance of a run from its start after the cycle, relative to the motion, beyond which it has left the orbit.
-_LEFT = 1e-6
 _FREQUENCY = "forcing.frequency"
 # Room for events in a cycle beside those of the branch: a run may have other bounces of a chatter.
 _SPARE = 64
@@ -146,7 +145,7 @@ def _stays(system: ImpactSystem, starts: np.ndarray, ends: np.ndarray) -> np.nda
     drifts = system.num_masses - np.linalg.matrix_rank(np.asarray(system.stiffness))
     if drifts:  # masses without a spring to the ground may move on by the same distance in every cycle
         gap = gap[:, system.num_masses :]
-    return (gap <= _LEFT * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
+    return (gap <= LEFT_ORBIT * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
 
 
 class _Cycles:

@@ -35,9 +35,8 @@ from .._orbits.condensation import condense
 from .._orbits.cycle import Problem, Unknowns, linearise, residual
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, Family
+from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
 
-# Rounding of a step, as in `newton.py`.
-_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 _MAX_STEPS = 16
 
 
@@ -282,10 +281,10 @@ class Solved(NamedTuple):
 def solve(defining: DefiningSystem, guess: Float[Array, " unknowns"], plane: Plane | None = None) -> Solved:
     """Solve a defining system by Newton's method from a guess."""
     defining = defining.begun(guess)
-    eps, small = jnp.finfo(guess.dtype).eps, _SMALL[str(guess.dtype)]
+    eps, small = jnp.finfo(guess.dtype).eps, NEWTON_CONVERGED[str(guess.dtype)]
 
     def is_on(now: _Now) -> Array:
-        is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
+        is_rounding = (now.step < NEWTON_ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
         return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
     def one(now: _Now) -> _Now:

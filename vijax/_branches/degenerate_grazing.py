@@ -13,28 +13,18 @@ from .._hybrid.limits import IMPACT
 from .behind_event import corrected_on_sequence
 from .kinds import Kind
 from .locate import locate
-from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, predicted_point
+from .point import BranchPoint, End, at_parameter, predicted_point
+from .requests import Requests
 from .sequence_edits import without_event
 from .test_functions import kind_at, tests_of
-
-# Largest speed of impacts that may vanish, relative to the fastest impact.
-_LIGHT = 1e-2
-# The same for impacts that vanish at the located grazing.
-_GONE = 1e-6
-# Change of the parameter along a tangent below which it is a resonance.
-_RESONANT = 1e-6
-# `_STEP`: length of the step that estimates the slope of a gap.
-# `_REACH`: largest distance to its zero.
-_STEP, _REACH = 1e-6, 1e-2
-# Largest distance between the two cycles, in speeds of the impacts that vanish.
-_NEAR = 10.0
+from .tolerances import CYCLES_NEAR, LIGHT_IMPACT, RESONANT, SLOPE_STEP, VANISHED_IMPACT, ZERO_NEAR
 
 
-def grazing_of_shorter_cycle(point: BranchPoint) -> KernelRequests:
+def grazing_of_shorter_cycle(point: BranchPoint) -> Requests[BranchPoint | None]:
     """Grazing at which a branch ends close to a point, on the sequence without the impacts that vanish; else None."""
     kind = point.sequence.kind
     speeds = np.where(kind == IMPACT, point.seen.found.speeds[: len(kind)], np.inf)
-    light = np.flatnonzero(speeds < _LIGHT * np.max(speeds, where=np.isfinite(speeds), initial=0))
+    light = np.flatnonzero(speeds < LIGHT_IMPACT * np.max(speeds, where=np.isfinite(speeds), initial=0))
     if len(light) < 2:
         return None
     sequence, place = point.sequence, point.place
@@ -51,53 +41,46 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> KernelRequests:
     return None
 
 
-def without_impacts(event: BranchPoint) -> KernelRequests:
+def without_impacts(event: BranchPoint) -> Requests[BranchPoint | End | None]:
     """The point of an event on the motion without impacts; None if other events remain.
 
-    Raises:
-        BranchEnd: at a resonance without losses, where all free vibrations repeat and no orbit is isolated.
+    An `End` at a resonance without losses, where all free vibrations repeat and no orbit is isolated.
     """
     sequence, place, found = event.sequence, event.place, event.seen.found
     _, velocities = np.split(np.abs(event.seen.start), 2)
     speeds = np.abs(found.speeds[: len(sequence.kind)])
-    if np.any(sequence.kind != IMPACT) or np.any(speeds > _GONE * velocities.max()):
+    if np.any(sequence.kind != IMPACT) or np.any(speeds > VANISHED_IMPACT * velocities.max()):
         return None
     for k in range(len(sequence.kind))[::-1]:
         sequence, place = without_event(sequence, place, k)
-    try:
-        free = yield from corrected_on_sequence(sequence, place, event)
-    except BranchEnd as why:
-        raise BranchEnd(Kind.GRAZING) from why
-    if abs(free.tangent.p) < _RESONANT:
-        raise BranchEnd(Kind.GRAZING)
-    return free
+    free = yield from corrected_on_sequence(sequence, place, event)
+    return End(Kind.GRAZING) if isinstance(free, End) or abs(free.tangent.p) < RESONANT else free
 
 
-def vanishing(start: BranchPoint, kind: str, stop: int) -> KernelRequests:
+def vanishing(start: BranchPoint, kind: str, stop: int) -> Requests[BranchPoint | None]:
     """Point near a start at which the least gap or force of a stop vanishes; None if there is none.
 
     It is positive where the tangent points: the start may lie beyond by rounding.
     """
     test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
-    beside = yield from predicted_point(start, _STEP)
+    beside = yield from predicted_point(start, SLOPE_STEP)
     gap = test.of(start.seen)
-    slope = (test.of(beside.seen) - gap) / _STEP
+    slope = (test.of(beside.seen) - gap) / SLOPE_STEP
     way = -gap / slope if slope else np.inf
-    if not abs(way) < _REACH:
+    if not abs(way) < ZERO_NEAR:
         return None
     if gap == 0:
         found = start._replace(kind=kind_at(test, start.sequence, start.seen))
         return found if slope > 0 else found.turned()
     start = start if way > 0 else start.turned()
-    beyond = yield from predicted_point(start, 2 * abs(way) + _STEP)
+    beyond = yield from predicted_point(start, 2 * abs(way) + SLOPE_STEP)
     if not gap * test.of(beyond.seen) < 0:
         return None
-    try:
-        found = yield from locate(start, beyond, test)
-    except BranchEnd:
+    found = yield from locate(start, beyond, test)
+    if isinstance(found, End):
         return None
     return found if gap < 0 else found.turned()
 
 
 def _is_near(point: BranchPoint, found: BranchPoint, speed: float) -> bool:
-    return bool(np.abs(found.place.z - point.place.z).max() < _NEAR * speed)
+    return bool(np.abs(found.place.z - point.place.z).max() < CYCLES_NEAR * speed)

@@ -14,21 +14,20 @@ from .behind_event import step_off
 from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
-from .kernels import MOST_EVENTS, SimulatedMotion, padded, simulation_from, simulation_of, trimmed
-from .kinds import End, Kind, public_kind
+from .kernels import MOST_EVENTS, SimulatedMotion, padded, trimmed
+from .kinds import EndKind, Kind, public_kind
 from .locate import first_event, is_passed, special_points
 from .parameter_family import ExtendedCycle
 from .point import (
-    TRUSTED,
-    BranchEnd,
     BranchPoint,
     DirectedBranch,
-    KernelRequests,
+    End,
     TooManyEvents,
     at_parameter,
     between,
     correct_with_free_parameter,
 )
+from .requests import Requests, ask, simulation_from, simulation_of
 from .sequence_switching import (
     by_sequence,
     continue_by_simulation,
@@ -36,88 +35,99 @@ from .sequence_switching import (
     in_section,
     with_simulated_bounces,
 )
-from .steps import PROBE, SHORTEST, PlainSteps, Tried
+from .steps import PlainSteps, Tried
 from .test_functions import TestFunction, crossings, kind_at, tests_of, without_echoes
+from .tolerances import (
+    FALLING_RATE,
+    ON_BOUND,
+    ON_EVENT,
+    ORBIT_AT,
+    ORBIT_NEAR,
+    PROBE_STEP,
+    SEPARATE_EVENTS,
+    SHORTER_AT_EVENT,
+    SHORTER_BEHIND,
+    SHORTEST_STEP,
+    TRUSTED,
+    VANISHING_STICK,
+)
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
-# Longest step on which several events are accepted; a longer one is halved to separate them.
-_SEPARATE = 1e-4
-# Duration of a stick, in forcing periods, below which it vanishes at that point.
-_VANISHING_STICK = 1e-5
-# Distance from a bound, in the scaled parameter, within which an event lies on it.
-_ON_BOUND = 1e-8
-# _NEAR: largest distance between a given orbit and its corrected cycle.
-# _AT: largest distance between their scaled parameters.
-_NEAR, _AT = 1e-3, 1e-9
-# _ROUNDED: size of a test function below which a given orbit lies on the event.
-# _FALLING: its least rate along the branch there; it does not only touch zero.
-_ROUNDED, _FALLING = 1e-12, 1e-6
-# `_SHORTER`: distance below which a cycle repeats a shorter one at an event, as exactly as events are located.
-# `_EXACT`: the same behind the event, where others nearly do.
-_SHORTER, _EXACT = 1e-8, 1e-11
 # Factor of the room for events of an orbit where it was too little.
 _MORE = 2
 # Most points of a walk back to where a stick vanishes.
 _MOST_BACK = 100
 
 
-def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> KernelRequests:
+def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Requests[BranchPoint | None]:
     """The branch point at an orbit with a start in space, (2 n,), and a scaled parameter; None if there is none.
 
     `sequence` is padding with room for the events of the orbit, as far as they are known.
     """
-    followed: SimulatedMotion = yield simulation_from(sequence, start, p)
+    followed = yield from ask(simulation_from(sequence, start, p))
     while np.all(followed.sequence.kind >= 0) and len(followed.sequence.kind) < MOST_EVENTS:
         (sequence,) = padded(sequence, (), min(_MORE * len(followed.sequence.kind), MOST_EVENTS))
-        followed = yield simulation_from(sequence, start, p)
+        followed = yield from ask(simulation_from(sequence, start, p))
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence = trimmed(followed.sequence, num_events)
     place = trimmed(ExtendedCycle(followed.z, followed.flights, np.asarray(p)), num_events)
     # At a fold a fixed parameter does not determine the cycle, so `correct_with_free_parameter` leaves it free.
-    for ask in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
-        seen = yield from ask
+    for request in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
+        seen = yield from request
         away = np.abs(seen.found.place.z - place.z).max()
-        if seen.found.is_converged and away < _NEAR and abs(seen.found.place.p - p) < _AT:
+        if seen.found.is_converged and away < ORBIT_NEAR and abs(seen.found.place.p - p) < ORBIT_AT:
             return BranchPoint.of(sequence, seen, 0.0)
     return None
 
 
-def follow_branch(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+def follow_branch(walk: DirectedBranch, start: BranchPoint) -> Requests[None]:
     """Follow a branch from a point in the direction of its tangent, and add its points to the walk."""
     try:
-        yield from _follow(walk, start)
-    except BranchEnd as why:
-        walk.end = str(why)
+        end = yield from _follow(walk, start)
+    except TooManyEvents:
+        end = End(EndKind.MAX_EVENTS)
+    added = None if end.point is None else (yield from _add(walk, end.point))
+    walk.end = str(added.kind if isinstance(added, End) else end.kind)
 
 
-def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+def _follow(walk: DirectedBranch, start: BranchPoint) -> Requests[End]:
+    """Follow a branch to its end."""
     walk.rounds = yield from repetitions_of(start.sequence, start.place, walk.num_periods)
-    point, ds = (yield from _behind_event_at_start(walk, start)), PROBE
+    point, ds = (yield from _behind_event_at_start(walk, start)), PROBE_STEP
     while not walk.is_full:
-        point, ds, tried = yield PlainSteps(walk, start, point, ds)
+        if isinstance(point, End):
+            return point
+        point, ds, tried = yield from ask(PlainSteps(walk, start, point, ds))
         if walk.is_full:
             break
         step, ds = yield from _resolved_step(walk, point, ds, tried)
         if step is None:
-            point, ds = (yield from _continue_behind_hop(walk, point)), PROBE
+            point, ds = (yield from _continue_behind_hop(walk, point)), PROBE_STEP
             continue
-        yield from _add_special(walk, point, step)
+        end = yield from _add_special(walk, point, step)
+        if end is not None:
+            return end
         if step.event is not None:
-            point, ds = (yield from _continue_behind_event(walk, *step.event)), min(ds, PROBE)
+            point, ds = (yield from _continue_behind_event(walk, *step.event)), min(ds, PROBE_STEP)
             continue
         if (yield from is_at_start(walk, start, point, step.last)):
-            raise BranchEnd(End.CLOSED)
-        walk.points.append(step.confirmed)
-        point, ds = (yield from with_simulated_bounces(step.confirmed, step.followed)), step.next_length
-        if _has_lost_stick(step.confirmed, point):  # the branch ends between the two
-            point = step.confirmed
-    walk.end = End.MAX_POINTS
+            return End(EndKind.CLOSED)
+        assert step.confirmed is not None
+        walk.points.append(step.confirmed.point)
+        point, ds = (yield from _with_bounces(*step.confirmed)), step.next_length
+    return point if isinstance(point, End) else End(EndKind.MAX_POINTS)
 
 
-def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+def _with_bounces(point: BranchPoint, followed: SimulatedMotion) -> Requests[BranchPoint]:
+    """The point from which to step on, with the bounces of the machine, unless the branch ends between the two."""
+    bounced = yield from with_simulated_bounces(point, followed)
+    return point if _has_lost_stick(point, bounced) else bounced
+
+
+def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> Requests[BranchPoint | End]:
     """The start, or the point behind its event: given orbits may lie on one, where a test function is rounding and falls."""
     for test in tests_of(start.sequence):
-        if test.rate and abs(test.of(start.seen)) < _ROUNDED and test.rate(start.seen) < -_FALLING:
+        if test.rate and abs(test.of(start.seen)) < ON_EVENT and test.rate(start.seen) < -FALLING_RATE:
             event = start._replace(kind=kind_at(test, start.sequence, start.seen))
             return (yield from _continue_behind_event(walk, test, event))
     return start
@@ -126,30 +136,25 @@ def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> KernelRe
 def _has_lost_stick(confirmed: BranchPoint, point: BranchPoint) -> bool:
     """True if the last bounces of a chatter are added, but the stick behind them has vanished."""
     before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (confirmed, point))
-    return bool(after < before and 0 < shortest_stick(confirmed) < _VANISHING_STICK)
+    return bool(after < before and 0 < shortest_stick(confirmed) < VANISHING_STICK)
 
 
 def _resolved_step(
     walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
-) -> KernelRequests:
-    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST` is.
+) -> Requests[tuple["Step | None", float]]:
+    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST_STEP` is.
 
     The first one may have been tried already.
     """
-    while ds >= SHORTEST:
-        try:
-            step = yield from _step(walk, point, ds, tried)
-        except TooManyEvents:
-            raise
-        except BranchEnd:  # an event of the step could not be located
-            step = None
-        if step is not None:
+    while ds >= SHORTEST_STEP:
+        step = yield from _step(walk, point, ds, tried)
+        if isinstance(step, Step):
             return step, ds
         ds, tried = ds / 2, None
     return None, ds
 
 
-def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
+def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> Requests[BranchPoint | End]:
     """Continue behind a vanishing hop where no step is short enough; end the branch if there is no such hop."""
     event = yield from end_of_vanishing_flight(point)
     if event is None:
@@ -157,46 +162,54 @@ def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> KernelRequ
     return (yield from _add_and_release_hold(walk, point, event))
 
 
-def _add_and_release_hold(walk: DirectedBranch, point: BranchPoint, event: BranchPoint) -> KernelRequests:
+def _add_and_release_hold(
+    walk: DirectedBranch, point: BranchPoint, event: BranchPoint
+) -> Requests[BranchPoint | End]:
     """Add a point where a contact force touches zero, and continue behind it, where the mass stays held."""
     if not walk.bounds[0] <= event.place.p <= walk.bounds[1]:
-        yield from _end_at_bound(walk, point, point.place, event, is_event=True)
-    yield from _end_if_repeated(walk, (yield from _add(walk, event)))
-    return (yield from step_off(event))
+        return (yield from _end_at_bound(walk, point, point.place, event, is_event=True))
+    end = yield from _add_if_new(walk, event)
+    return (yield from step_off(event)) if end is None else end
 
 
-def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> KernelRequests:
-    """Add the bifurcations of a step; end at a bound, or at the period doubling where a doubled branch ends."""
+def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requests[End | None]:
+    """Add the bifurcations of a step; the end at a bound, or at the period doubling where a doubled branch ends, or None."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
-        is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < _ON_BOUND)
+        is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < ON_BOUND)
         # At the bound restitution = 0, for instance, all impacts whose speed it makes vanish do so at once.
         is_at_it = is_near and found is last and step.event is not None
         if is_at_it or not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
-            yield from _to_bound(walk, point, found, is_event=is_at_it)
+            return (yield from _end_between(walk, point, found, is_event=is_at_it))
         if found is last:
-            return
-        yield from _end_if_repeated(walk, (yield from _add(walk, found)))
-        if found.kind == Kind.HALF_PERIOD:
-            raise BranchEnd(Kind.HALF_PERIOD)
+            break
+        end = yield from _add_if_new(walk, found)
+        if end is not None or found.kind == Kind.HALF_PERIOD:
+            return end or End(Kind.HALF_PERIOD)
+    return None
 
 
-def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
-    """End the branch where no step is short enough."""
-    if 0 < shortest_stick(point) < _VANISHING_STICK:
+def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
+    """The end of the branch where no step is short enough."""
+    if 0 < shortest_stick(point) < VANISHING_STICK:
         # Sticks vanish faster than they shorten: the rest of the way is rounding.
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
-        yield from _add(walk, point._replace(kind=Kind.CHATTER_COMPLETION))
-        raise BranchEnd(Kind.CHATTER_COMPLETION)
-    yield from _end_at_cascade_limit(walk, FEW)
+        return End(Kind.CHATTER_COMPLETION, point._replace(kind=Kind.CHATTER_COMPLETION))
+    limit = yield from _end_at_cascade_limit(walk, FEW)
+    if limit is not None:
+        return limit
     # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
     is_alone = bool(walk.cascade) or point.sequence.is_switching
     grazing = None if is_alone else (yield from grazing_of_shorter_cycle(point))
-    if grazing is not None:
-        yield from _add(walk, grazing)
-        raise BranchEnd(Kind.GRAZING)
-    raise BranchEnd(End.LEFT_THE_STOPS)
+    return End(EndKind.LEFT_THE_STOPS) if grazing is None else End(Kind.GRAZING, grazing)
+
+
+class Confirmed(NamedTuple):
+    """End of a step with all its events between the start and the end of the cycle, and the motion of the machine from it."""
+
+    point: BranchPoint
+    followed: SimulatedMotion
 
 
 class Step(NamedTuple):
@@ -204,26 +217,25 @@ class Step(NamedTuple):
 
     Attributes:
         last: point at its end, or just before the first event.
-        confirmed: point at its end, with all its events between the start and the end of the cycle; None behind an
-            event.
-        followed: motion of the machine started there, or None.
+        confirmed: its end as the machine follows it; None behind an event.
         event: first change of the sequence, and the point where it happens; or None.
         special: bifurcations on the step, in order.
         next_length: length of the next step.
     """
 
     last: BranchPoint
-    confirmed: BranchPoint | None
-    followed: SimulatedMotion | None
+    confirmed: Confirmed | None
     event: tuple[TestFunction, BranchPoint] | None
     special: list[BranchPoint]
     next_length: float
 
 
-def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None) -> KernelRequests:
-    """A step from a point; None if it is too long to resolve all that happens on it."""
+def _step(
+    walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
+) -> Requests[Step | End | None]:
+    """A step from a point; None if it is too long to resolve all that happens on it, an `End` if an event is not located."""
     if tried is None:
-        _, _, tried = yield PlainSteps(walk, point, point, ds, is_trial=True)
+        _, _, tried = yield from ask(PlainSteps(walk, point, point, ds, is_trial=True))
     if tried is None:
         return None
     new = tried.point
@@ -231,18 +243,24 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | No
     met = without_echoes(point.sequence, crossed)
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
-    confirmed = followed = None
+    confirmed = None
     if not met:
-        confirmed, followed = yield from _confirmed_point(walk, new, tried.motion)
-        if not confirmed.is_admissible:
+        confirmed = yield from _confirmed(walk, new, tried.motion)
+        if isinstance(confirmed, End) or not confirmed.point.is_admissible:
             return None
-    event, last = yield from first_event(point, new, met)
+    first = yield from first_event(point, new, met)
+    if isinstance(first, End):
+        return first
+    event, last = first
     if any(is_passed(test, last) for test in crossed if test not in met):
         return None  # a guard that vanishes before the event with which it seemed to vanish
-    special, is_whole = yield from special_points(walk, point, last)
-    if not is_whole and ds > _SEPARATE:
+    specials = yield from special_points(walk, point, last)
+    if isinstance(specials, End):
+        return specials
+    special, is_whole = specials
+    if not is_whole and ds > SEPARATE_EVENTS:
         return None
-    return Step(last, confirmed, followed, event, special, tried.next_length)
+    return Step(last, confirmed, event, special, tried.next_length)
 
 
 def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:
@@ -250,126 +268,135 @@ def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:
     return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
 
 
-def _confirmed_point(
+def _confirmed(
     walk: DirectedBranch, point: BranchPoint, known: SimulatedMotion | None
-) -> KernelRequests:
+) -> Requests[Confirmed | End]:
     """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it.
 
     `known` is the motion from the given point, if it was simulated.
     """
     within = yield from in_section(point, walk.num_periods)
+    if isinstance(within, End):
+        return within
     followed = known if within is point else None
     point = within
     if followed is None:
-        followed = yield simulation_of(point.sequence, point.place)
+        followed = yield from ask(simulation_of(point.sequence, point.place))
     is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
-    return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
+    return Confirmed(point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed)
 
 
-def _add(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
+def _add(walk: DirectedBranch, point: BranchPoint) -> Requests[BranchPoint | End]:
     """Add a point to the walk, with all its events inside the cycle."""
-    point = yield from in_section(point, walk.num_periods)
-    walk.points.append(point)
-    return point
+    within = yield from in_section(point, walk.num_periods)
+    if isinstance(within, BranchPoint):
+        walk.points.append(within)
+    return within
 
 
-def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> KernelRequests:
+def _continue_behind_event(
+    walk: DirectedBranch, test: TestFunction, event: BranchPoint
+) -> Requests[BranchPoint | End]:
     """The point from which the branch continues behind an event."""
     hop = yield from hop_that_ends(test, event)
     if hop is not None:
         return (yield from _add_and_release_hold(walk, event, hop))
-    yield from _end_if_repeated(walk, (yield from _add(walk, event)))
+    end = yield from _add_if_new(walk, event)
+    if end is not None:
+        return end
     if test.kind in (Kind.TOUCH, Kind.GRAZING):
         free = yield from without_impacts(event)
-        is_shorter = yield from is_shorter_at(event, walk.num_periods, walk.rounds, _SHORTER)
+        if isinstance(free, End):
+            return free
+        is_shorter = yield from is_shorter_at(event, walk.num_periods, walk.rounds, SHORTER_AT_EVENT)
         if is_shorter:
             return (yield from _beyond(event, free))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     is_touch = test.kind == Kind.TOUCH and not event.sequence.is_switching
     walk.cascade = [*same, (test.index, event)] if is_touch else []
-    yield from _end_at_cascade_limit(walk, MANY)
-    try:
-        new = yield from by_sequence(walk, test, event)
-    except BranchEnd:
+    limit = yield from _end_at_cascade_limit(walk, MANY)
+    if limit is not None:
+        return limit
+    new = yield from by_sequence(walk, test, event)
+    if isinstance(new, End):
         new = yield from continue_by_simulation(event)
-    rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, _EXACT)
+    if isinstance(new, End):
+        return new
+    rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, SHORTER_BEHIND)
     # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events has none.
-    if rounds > walk.rounds and len(new.sequence.kind):
-        raise BranchEnd(public_kind(event.kind))
-    return new
+    return End(public_kind(event.kind)) if rounds > walk.rounds and len(new.sequence.kind) else new
 
 
-def _beyond(event: BranchPoint, free: BranchPoint | None) -> KernelRequests:
+def _beyond(event: BranchPoint, free: BranchPoint | None) -> Requests[BranchPoint | End]:
     """The point behind a grazing on the motion without impacts, at parameters where the branch before was not.
 
-    Raises:
-        BranchEnd: if there is none. Several branches meet where a shorter cycle grazes, and none continues another.
+    An `End` if there is none: several branches meet where a shorter cycle grazes, and none continues another.
     """
     if free is None:
-        raise BranchEnd(Kind.GRAZING)
-    try:
-        return (yield from step_off(free, bool(free.tangent.p * event.tangent.p > 0)))
-    except BranchEnd as why:
-        raise BranchEnd(Kind.GRAZING) from why
+        return End(Kind.GRAZING)
+    new = yield from step_off(free, bool(free.tangent.p * event.tangent.p > 0))
+    return End(Kind.GRAZING) if isinstance(new, End) else new
 
 
-def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
-    """End the branch if its last bifurcation was passed before; keep each bifurcation once."""
+def _add_if_new(walk: DirectedBranch, point: BranchPoint) -> Requests[End | None]:
+    """Add a bifurcation; the end of the branch if that was passed before, each bifurcation being kept once, or None."""
+    last = yield from _add(walk, point)
+    if isinstance(last, End):
+        return last
     again = yield from first_repeated(walk, last)
-    if again is not None:
-        del walk.points[again:]
-        raise BranchEnd(End.CLOSED)
+    if again is None:
+        return None
+    del walk.points[again:]
+    return End(EndKind.CLOSED)
 
 
-def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> KernelRequests:
-    """End at the limit of the last grazings, if there are at least so many and they converge."""
+def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> Requests[End | None]:
+    """The end at the limit of the last grazings, if there are at least so many and they converge; else None."""
     grazings = [point for _, point in walk.cascade]
     limit = limit_of(grazings, least)
     start = (yield from cycle_behind_limit(limit, grazings[-1])) if limit else None
     if limit is None or start is None:
-        return
+        return None
     event = grazings[-1]
     back = DirectedBranch(walk.num_periods, walk.bounds, _MOST_BACK)
     yield from follow_branch(back, start)
     last = back.points[-1] if back.end == Kind.CHATTER_COMPLETION else None
-    if isinstance(last, BranchPoint) and is_limit(last.place, limit, event.place):
-        arc = max(walk.points[-1].arc, event.arc + last.place.distance_of_starts(event.place))
-        walk.points.append(last._replace(arc=arc))
-        raise BranchEnd(Kind.CHATTER_COMPLETION)
+    if not isinstance(last, BranchPoint) or not is_limit(last.place, limit, event.place):
+        return None
+    arc = max(walk.points[-1].arc, event.arc + last.place.distance_of_starts(event.place))
+    return End(Kind.CHATTER_COMPLETION, last._replace(arc=arc))
 
 
-def _to_bound(
+def _end_between(
     walk: DirectedBranch, point: BranchPoint, new: BranchPoint, *, is_event: bool
-) -> KernelRequests:
-    """Add the point at the parameter bound between two points, or at the event on the bound, and end."""
+) -> Requests[End]:
+    """The end at the parameter bound between two points, or at the event on the bound."""
     p = walk.nearest_bound(float(new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
     if share <= 0:
-        raise BranchEnd(End.BOUNDS)
+        return End(EndKind.BOUNDS)
     guess, arc = between(point, new, share), point.arc + share * (new.arc - point.arc)
-    yield from _end_at_bound(walk, point, guess, new._replace(arc=arc), is_event=is_event)
+    return (yield from _end_at_bound(walk, point, guess, new._replace(arc=arc), is_event=is_event))
 
 
 def _end_at_bound(
     walk: DirectedBranch, point: BranchPoint, guess: ExtendedCycle, new: BranchPoint, *, is_event: bool
-) -> KernelRequests:
-    """Add the point at the bound nearest to a new point, with the arclength of the new point, and end."""
+) -> Requests[End]:
+    """The end at the bound nearest to a new point, with the arclength of the new point."""
     p = np.asarray(walk.nearest_bound(float(new.place.p)))
     at = yield from _at_bound(point, guess._replace(p=p), is_event=is_event)
+    if at is None:
+        return End(EndKind.NOT_CONVERGED)
     exact = at.seen.found.place._replace(p=p)
     seen = at.seen._replace(found=at.seen.found._replace(place=exact))
-    yield from _add(walk, BranchPoint.of(at.sequence, seen, new.arc))
-    raise BranchEnd(End.BOUNDS)
+    return End(EndKind.BOUNDS, BranchPoint.of(at.sequence, seen, new.arc))
 
 
-def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> KernelRequests:
-    """The cycle at a bound; from the motion of the machine where events vanish there."""
+def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> Requests[BranchPoint | None]:
+    """The cycle at a bound, from the motion of the machine where events vanish there; None if there is none."""
     p = float(guess.p)
     if not is_event:
         seen = yield from at_parameter(point.sequence, guess, p)
         if seen.found.is_converged:
             return BranchPoint.of(point.sequence, seen, point.arc)
-    found = yield from cycle_of_simulation(point, guess)
-    if found is None:
-        raise BranchEnd(End.NOT_CONVERGED)
-    return found
+    return (yield from cycle_of_simulation(point, guess))

@@ -9,23 +9,17 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .kernels import SPARE, SimulatedMotion, padded, room_for, simulation_of, trimmed
+from .kernels import SPARE, padded, room_for, trimmed
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, KernelRequests, at_parameter, is_followed
+from .point import BranchPoint, at_parameter, is_followed
+from .requests import Requests, ask, simulation_of
+from .tolerances import BEHIND_CASCADE, CASCADE_CERTAIN, CASCADE_RATIO, LIMIT_AWAY, LIMIT_NEAR
 
 # MANY: number of grazings of one stop that make a cascade, if each is nearer to the next than to the one before.
 # FEW: the same where no other continuation of the branch is found.
 MANY, FEW = 8, 4
-# Largest ratio of successive parameter steps of a cascade.
-_NEARER = 0.95
-# Distance of the last grazing from the limit, relative to that from the fourth last, below which `FEW` are enough:
-# further ones are lost in rounding.
-_CERTAIN = 1e-3
-# _BEHIND: distances behind the limit at which a stick is searched, in distances of the last grazing from the limit.
-# _TRIALS: corrections at each of them.
-_BEHIND, _TRIALS = (0.1, 0.3, 1.0, 3.0, 0.03), 4
-# Largest distance of the limit from its extrapolation, in the same unit.
-_AWAY = 0.5
+# Corrections at each distance behind the limit.
+_TRIALS = 4
 
 
 def limit_of(grazings: list[BranchPoint], least: int) -> ExtendedCycle | None:
@@ -35,11 +29,11 @@ def limit_of(grazings: list[BranchPoint], least: int) -> ExtendedCycle | None:
     p = np.array([point.place.p for point in grazings[-4:]], float)
     steps = np.diff(p)
     ratios = steps[1:] / np.where(steps[:-1] == 0, np.inf, steps[:-1])
-    if not np.all((ratios > 0) & (ratios < _NEARER)):
+    if not np.all((ratios > 0) & (ratios < CASCADE_RATIO)):
         return None
     before, last = (point.place for point in grazings[-2:])
     share = ratios[-1] / (1 - ratios[-1])
-    if len(grazings) < least and not abs(share * steps[-1]) < _CERTAIN * abs(p[-1] - p[0]):
+    if len(grazings) < least and not abs(share * steps[-1]) < CASCADE_CERTAIN * abs(p[-1] - p[0]):
         return None
     return ExtendedCycle(last.z + share * (last.z - before.z), np.zeros(0), last.p + share * steps[-1])
 
@@ -47,27 +41,29 @@ def limit_of(grazings: list[BranchPoint], least: int) -> ExtendedCycle | None:
 def is_limit(found: ExtendedCycle, limit: ExtendedCycle, last: ExtendedCycle) -> bool:
     """True if a cycle is the limit of grazings."""
     away, left = found.p - limit.p, last.p - limit.p
-    return bool(abs(away) < _AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < 1e-2 + abs(left)))
+    return bool(
+        abs(away) < LIMIT_AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < LIMIT_NEAR + abs(left))
+    )
 
 
-def cycle_behind_limit(limit: ExtendedCycle, last: BranchPoint) -> KernelRequests:
+def cycle_behind_limit(limit: ExtendedCycle, last: BranchPoint) -> Requests[BranchPoint | None]:
     """A cycle with a stick behind a limit, its tangent towards the limit; None if there is none."""
     way = limit.p - last.place.p
-    for share in _BEHIND:
+    for share in BEHIND_CASCADE:
         found = yield from _with_stick(limit, last, limit.p + share * way)
         if found is not None:
             return found if found.tangent.p * way < 0 else found.turned()
     return None
 
 
-def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> KernelRequests:
+def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Requests[BranchPoint | None]:
     """The simulated cycle with a stick at `p`, corrected until the machine follows it; None if there is none."""
     place = limit._replace(p=np.asarray(p))
     room = room_for(4 * len(last.sequence.kind)) - SPARE
     longer = padded(last.sequence, (), room)[0]
     for _ in range(_TRIALS):
         wide = place._replace(flights=np.zeros(room))
-        followed: SimulatedMotion = yield simulation_of(longer, wide)
+        followed = yield from ask(simulation_of(longer, wide))
         sequence: Sequence = trimmed(followed.sequence, int(np.count_nonzero(followed.sequence.kind >= 0)))
         if RELEASE not in sequence.kind:
             return None

@@ -14,7 +14,8 @@ from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
 from .closing import repetitions_of
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, KernelRequests, correct_with_free_parameter, first_followed
+from .point import BranchPoint, correct_with_free_parameter, first_followed
+from .requests import Requests
 from .sequence_edits import in_a_row, with_event, without_event
 
 # Largest number of rounds.
@@ -45,7 +46,7 @@ class Touch(NamedTuple):
         return with_event(self.sequence, self.place, IMPACT, self.stop, self.flight, self.time)
 
 
-def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int) -> KernelRequests:
+def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int) -> Requests[Touch]:
     """The touch at impact `k` of zero speed, on the shortest cycle that the given one traverses."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = without_event(sequence, place, k)
@@ -78,7 +79,7 @@ def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, ExtendedCycle,
 
 def leave(
     sequence: Sequence, place: ExtendedCycle, hits: list[int], lengths: tuple[float, ...]
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The point of a family at the first of some distances at which the machine follows it; None if at none."""
     seen = yield from correct_with_free_parameter(sequence, place)
     if not seen.found.is_converged:

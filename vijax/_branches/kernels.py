@@ -1,6 +1,5 @@
 """Kernels: the compiled functions of a cycle that branches request, batched over many branches."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -268,30 +267,6 @@ def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[
         return jnp.concatenate([found.closing / family.scale, found.events])
 
     return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
-
-
-class KernelCall(NamedTuple):
-    """Request of a branch: a kernel and its arguments, without padding."""
-
-    program: Callable
-    sequence: Sequence
-    arguments: tuple
-
-
-def simulation_of(sequence: Sequence, place: ExtendedCycle) -> KernelCall:
-    """Request for a simulation from the start of a cycle."""
-    return KernelCall(simulate_motion, sequence, (place, np.full(np.shape(place.z), np.nan)))
-
-
-def simulation_from(sequence: Sequence, start: np.ndarray, p: float) -> KernelCall:
-    """Request for a simulation from a start in space, at a scaled parameter, with the room of a sequence."""
-    nowhere = ExtendedCycle(0 * start, np.zeros(len(sequence.kind)), np.asarray(p))
-    return KernelCall(simulate_motion, sequence, (nowhere, start))
-
-
-def location_on(sequence: Sequence, place: ExtendedCycle, time: float) -> KernelCall:
-    """Request for the `LocatedState` of a cycle, `time` forcing periods after its start."""
-    return KernelCall(locate_state, sequence, (place, place, np.asarray(time, float)))
 
 
 def room_for(num_events: int) -> int:

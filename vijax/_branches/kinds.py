@@ -77,12 +77,13 @@ def public_kind(kind: str) -> str:
 MONITOR, STOP = "monitor:", "stop:"
 
 
-class End(StrEnum):
+class EndKind(StrEnum):
     """Reasons for which a branch ends, besides the kinds of bifurcations."""
 
     BOUNDS = "bounds"
     CLOSED = "closed"
     MAX_POINTS = "max_points"
+    MAX_EVENTS = "max_events"
     INTERRUPTED = "interrupted"
     NOT_CONVERGED = "not_converged"
     SEVERAL_EVENTS = "several_events"

@@ -6,11 +6,11 @@ import numpy as np
 
 from .bracket import Bracket, SlopedBracket, next_trial
 from .kernels import CorrectedCycle
-from .kinds import End, Kind
-from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
+from .kinds import EndKind, Kind
+from .point import BranchPoint, DirectedBranch, End, between, on_plane
+from .requests import Requests
 from .singular import branch_point, end_of_doubled
 from .test_functions import (
-    CLOSE,
     TESTS_OF_NEIGHBOURS,
     TestFunction,
     is_between_events,
@@ -19,22 +19,15 @@ from .test_functions import (
     num_on_circle,
     num_unstable,
 )
-
-# Distance of the point just before a change of the sequence.
-_OFF = 1e-7
-# Size of a test function that is zero, relative to that at the beginning of the step.
-_ZERO = 1e-6
-# Size of one that is zero where others vanish with it by a symmetry: the equations determine its square.
-_SQUARE = 1e-7
-# Size from which a multiplier that changes sign on a step passes infinity, not zero.
-_LARGE = 1e2
+from .tolerances import AT_BIFURCATION, JUST_BEFORE, LARGE_MULTIPLIER, SQUARE_ZERO, ZERO
 
 
-def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -> KernelRequests:
+def first_event(
+    point: BranchPoint, new: BranchPoint, met: list[TestFunction]
+) -> Requests[tuple[tuple[TestFunction, BranchPoint] | None, BranchPoint] | End]:
     """The first of the events of a step, or None; and the point just before it, or the end of the step.
 
-    Raises:
-        BranchEnd: if no zero of a test function is there, where several change sign.
+    An `End` if no zero of a test function is there, where several change sign.
     """
     first, before = None, new
     # Where an impact loses its speed a least gap vanishes as well, over a whole interval: the impact is the event. So it is
@@ -43,24 +36,26 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
     for test in sorted(met, key=order):
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
+            if isinstance(event, End):
+                return event
             # The functions of other events may jump behind the first.
-            least = 0.0 if is_between_events(test) else _SQUARE
-            if len(met) > 1 and not abs(test.of(event.seen)) < max(_ZERO * test.of(point.seen), least):
-                raise BranchEnd(End.NOT_CONVERGED)
+            least = 0.0 if is_between_events(test) else SQUARE_ZERO
+            if len(met) > 1 and not abs(test.of(event.seen)) < max(ZERO * test.of(point.seen), least):
+                return End(EndKind.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
 
 
 def is_passed(test: TestFunction, point: BranchPoint) -> bool:
     """True if the guard of a test function has vanished before a point, by more than rounding."""
-    return is_between_events(test) and bool(test.of(point.seen) < -_SQUARE)
+    return is_between_events(test) and bool(test.of(point.seen) < -SQUARE_ZERO)
 
 
 def _share(before: float, after: float) -> float:
     return before / (before - after) if np.isfinite(before - after) else 1.0
 
 
-def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
+def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
     """The point between two others at which a test function vanishes."""
     length, at = new.arc - point.arc, partial(_point_at, point, new, test)
     if test.rate is not None:
@@ -71,6 +66,8 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRe
             sloped, best = SlopedBracket.between(*ends), new
             while (s := sloped.next) is not None:
                 best = yield from at(s)
+                if isinstance(best, End):
+                    return best
                 sloped = sloped.narrowed(test.of(best.seen), _slope(test, point, best))
             if not sloped.is_flat:
                 return best._replace(kind=kind_at(test, best.sequence, best.seen))
@@ -78,15 +75,19 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRe
     best = new
     while (s := next_trial(bracket)) is not None:
         best = yield from at(s)
+        if isinstance(best, End):
+            return best
         bracket = bracket.narrowed(s, test.of(best.seen))
     return best._replace(kind=kind_at(test, best.sequence, best.seen))
 
 
-def _point_at(point: BranchPoint, new: BranchPoint, test: TestFunction, s: float) -> KernelRequests:
+def _point_at(
+    point: BranchPoint, new: BranchPoint, test: TestFunction, s: float
+) -> Requests[BranchPoint | End]:
     """The point between two others in the plane at a distance from the first."""
     seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
     if not seen.found.is_converged:
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     return BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
 
 
@@ -95,16 +96,18 @@ def _slope(test: TestFunction, point: BranchPoint, at: BranchPoint) -> float:
     return test.rate(at.seen) / at.tangent.along(point.tangent) if test.rate else np.nan
 
 
-def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:
+def _just_before(point: BranchPoint, event: BranchPoint) -> Requests[BranchPoint]:
     """The point just before a change of the sequence, at which multipliers may be infinite."""
-    s = event.arc - point.arc - _OFF
-    if s <= _OFF:
+    s = event.arc - point.arc - JUST_BEFORE
+    if s <= JUST_BEFORE:
         return point
     seen = yield from on_plane(point, event.place, s)
     return BranchPoint.of(point.sequence, seen, point.arc + s)
 
 
-def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -> KernelRequests:
+def special_points(
+    walk: DirectedBranch, point: BranchPoint, new: BranchPoint
+) -> Requests[tuple[list[BranchPoint], bool] | End]:
     """Bifurcations on a step, in order, and whether the number of unstable multipliers implies no more of them."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
@@ -116,11 +119,16 @@ def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -
         if test.kind == Kind.BRANCH_POINT and any(at.kind in (Kind.FOLD, Kind.HALF_PERIOD) for at in found):
             continue
         at = yield from (branch_point if test.kind == Kind.BRANCH_POINT else locate)(point, new, test)
+        if isinstance(at, End):
+            return at
         if not _is_there(test, at.seen):
             continue
         if test.kind in (Kind.FOLD, Kind.BRANCH_POINT) and walk.rounds % 2:
             at = (yield from end_of_doubled(walk.num_periods, at)) or at
-        change += {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}.get(at.kind, 1)
+            if isinstance(at, End):
+                return at
+        changes: dict[str, int] = {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}
+        change += changes.get(at.kind, 1)
         found.append(at)
     is_whole = (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2 == 0
     return sorted(found, key=lambda at: at.arc), bool(is_whole) and not _is_hidden(point, found)
@@ -138,7 +146,7 @@ def _is_hidden(point: BranchPoint, found: list[BranchPoint]) -> bool:
 
 def _passes_infinity(before: complex, after: complex) -> bool:
     """True if the largest multiplier passes infinity, where functions of multipliers change sign as well."""
-    is_large = min(abs(before), abs(after)) > _LARGE
+    is_large = min(abs(before), abs(after)) > LARGE_MULTIPLIER
     return bool(is_large and np.sign(before.real) != np.sign(after.real))
 
 
@@ -148,4 +156,4 @@ def _is_there(test: TestFunction, seen: CorrectedCycle) -> bool:
     if test.kind == Kind.NEIMARK_SACKER:
         return num_on_circle(mu) > 0
     wanted: dict[str, int] = {Kind.PERIOD_DOUBLING: -1, Kind.BRANCH_POINT: 1}
-    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < CLOSE))
+    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < AT_BIFURCATION))

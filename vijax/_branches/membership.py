@@ -10,21 +10,15 @@ from .._trajectory.simulate import simulate
 from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
-from .kinds import End
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, corrected
+from .point import BranchPoint, End, at_parameter, corrected
+from .requests import Requests
 from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, families_of, value_of
+from .tolerances import MEMBER_NEAR, MEMBER_SAME, SAME_PARAMETER
 
-# _NEAR: largest distance from an orbit to a point, in chords to its neighbour or beside, at which the branch is corrected
-# there: where both states of a mass turn back, a chord is short.
-# (Rejected: to accept an orbit near a chord. Where an impact passes the start of the cycle the chord leads nowhere, and
-# between two branches it leads to both.)
-# _SAME: relative distance below which two states are equal.
-_NEAR, _SAME = 1.0, 1e-6
-# Relative distance of equal parameters.
-_ROUNDING = 1e-12
 # Most trials to find the cycle at a parameter between two points.
 _TRIALS = 40
 
@@ -76,7 +70,7 @@ class KnownOrbits:
     def _chances(self, which: list[int], number: int, branch: Branch) -> Iterator[_Chance]:
         points = branch.points
         # The last point of a closed branch comes before its first one.
-        rows = np.arange(len(branch) + (branch.ends[1] == End.CLOSED)) % len(branch)
+        rows = np.arange(len(branch) + (branch.ends[1] == EndKind.CLOSED)) % len(branch)
         values = branch.values[rows]
         z = np.concatenate([points["x0"].values, points["v0"].values], axis=1)[rows]
         num_periods = points.attrs["num_periods"]
@@ -85,14 +79,16 @@ class KnownOrbits:
                 self._values[orbit] = value_of(self._starts[orbit].system, branch.path)
             p = self._values[orbit]
             # An orbit at a bound is at the last point of the branch, up to the rounding of the scaled parameter.
-            before = np.where(np.abs(values - p) <= _ROUNDING * abs(p), 0, values - p)
+            before = np.where(np.abs(values - p) <= SAME_PARAMETER * abs(p), 0, values - p)
             between = np.flatnonzero(before[:-1] * before[1:] <= 0)
             states = self._states(orbit) if between.size else np.zeros(0)
             size = np.abs(states).max(initial=0)
             chords = np.abs(np.diff(z, axis=0)).max(axis=1)
             for k in between:
                 away = min(np.abs(states - z[end]).max(axis=1).min() for end in (k, k + 1))
-                if away <= _NEAR * chords[max(k - 1, 0) : k + 2].max() + _SAME * size:
+                # Where both states of a mass turn back, a chord is short. (Rejected: to accept an orbit near a chord. Where an
+                # impact passes the start of the cycle the chord leads nowhere, and between two branches it leads to both.)
+                if away <= MEMBER_NEAR * chords[max(k - 1, 0) : k + 2].max() + MEMBER_SAME * size:
                     yield _Chance(orbit, p, states, branch, number, int(k))
 
     def _states(self, orbit: int) -> np.ndarray:
@@ -111,7 +107,7 @@ class KnownOrbits:
         return [found[chance.orbit] for chance in chances]
 
 
-def _is_met(chance: _Chance, family: Family) -> KernelRequests:
+def _is_met(chance: _Chance, family: Family) -> Requests[bool]:
     """True if the branch has the orbit between its two points."""
     p, span = chance.value / float(family.span), float(family.span)
     at = [Bifurcation(chance.branch, end % len(chance.branch)) for end in (chance.k, chance.k + 1)]
@@ -126,7 +122,7 @@ def _is_met(chance: _Chance, family: Family) -> KernelRequests:
     return False
 
 
-def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> KernelRequests:
+def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Requests[CorrectedCycle | None]:
     """The cycle at a parameter between two cycles of a branch, or None.
 
     Corrected in planes across the chord: where two branches cross, Newton's method at fixed parameter finds either.
@@ -149,14 +145,13 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> KernelRequ
     return seen
 
 
-def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> KernelRequests:
+def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> Requests[bool]:
     """True if a cycle is the orbit; False for one that has no state at its start, as its events are out of order."""
-    try:
-        point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
-    except BranchEnd:
+    point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
+    if isinstance(point, End):
         return False
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
-    return bool(away < _SAME * np.abs(chance.states).max())
+    return bool(away < MEMBER_SAME * np.abs(chance.states).max())
 
 
 def _states(start: Start) -> np.ndarray:

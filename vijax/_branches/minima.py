@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Array
 
 from .._jax.arrays import append_axes
+from .tolerances import NO_SLOPE
 
-# Largest slope at the first sample that counts as zero, in rounding errors of the largest value or derivative.
-_NO_SLOPE = 8.0
 # _AFTER, _BEFORE: nodes near the first and the second sample, much closer there than between: a mass that hardly leaves
 # its stop turns back soon after the impact, the sooner the more bounces there were.
 _AFTER, _BEFORE = 1e-6 * 2.5 ** np.arange(15), 1 - 1e-3 * 2.5 ** np.arange(7)
@@ -48,7 +47,7 @@ def dip(before: list[Array], now: list[Array], step: Array, has_left: Array) -> 
     ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
     values, slopes = (jnp.tensordot(jnp.asarray(m, ends.dtype), ends, 1) for m in _at_nodes(len(before)))
     largest = jnp.max(jnp.abs(ends), axis=0)
-    none = _NO_SLOPE * jnp.finfo(ends.dtype).eps * largest
+    none = NO_SLOPE * jnp.finfo(ends.dtype).eps * largest
     first = jnp.where(has_left, largest + 1, slopes[0] - none)
     slopes = jnp.concatenate([first[None], slopes[1:]])
     turns = (slopes[:-1] < 0) & (slopes[1:] >= 0)

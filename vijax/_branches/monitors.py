@@ -22,18 +22,18 @@ from .bracket import Bracket, next_trial
 from .branch import Branch, branch_of
 from .cycle_quantities import checked_names, run_of_cycle
 from .kernels import CorrectedCycle, room_for
-from .kinds import MONITOR, STOP, End, Kind, PublicKind, public_kind
+from .kinds import MONITOR, STOP, EndKind, Kind, PublicKind, public_kind
 from .parameter_family import Family
-from .point import BranchPoint, DirectedBranch, KernelRequests, PlainPoint, between, on_plane
+from .point import BranchPoint, DirectedBranch, End, PlainPoint, between, on_plane
+from .requests import Requests
 from .scheduler import drive
 from .sequence_edits import are_alike
 from .sequence_switching import in_section
+from .tolerances import ZERO
 
 # Monitors by name, and conditions: kinds of special points, or functions of the branch so far.
 Monitors = Mapping[str, Callable[[Solution], Any]]
 Stop = PublicKind | str | Many[PublicKind | str] | Mapping[str, str | Callable[[Branch], Any]]
-# Value at a zero, relative to those at the ends of its bracket; a function that jumps has a larger one.
-_ZERO = 1e-6
 
 
 class Watched(NamedTuple):
@@ -111,7 +111,7 @@ class WatchedWalk:
             self.num_seen += 1
         if self.reason:
             self.walk.end = self.reason
-        elif self.walk.end == End.CLOSED and self.walk.points:
+        elif self.walk.end == EndKind.CLOSED and self.walk.points:
             self._close()
 
     def _pass(self, point: BranchPoint) -> None:
@@ -209,24 +209,27 @@ def _zero_between(
     ends: tuple[float, float],
     value_at: Callable[[BranchPoint], float],
     num_periods: float,
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The point between two others at which a function of the cycle vanishes; None if it jumps there or has no value."""
     length, cycle_at = _way_between(before, after)
     bracket, best, value = Bracket.between(*ends, length), None, np.nan
     while (s := next_trial(bracket)) is not None:
-        seen: CorrectedCycle = yield from cycle_at(s)
+        seen = yield from cycle_at(s)
         arc = before.arc + s / length * (after.arc - before.arc)
         best = BranchPoint.of(after.sequence, seen, arc)
         value = value_at(best) if seen.found.is_converged else np.nan
         if not np.isfinite(value):
             return None
         bracket = bracket.narrowed(s, value)
-    if best is None or not abs(value) <= _ZERO * max(map(abs, ends)):
+    if best is None or not abs(value) <= ZERO * max(map(abs, ends)):
         return None
-    return (yield from in_section(best, num_periods))
+    point = yield from in_section(best, num_periods)
+    return None if isinstance(point, End) else point
 
 
-def _way_between(before: BranchPoint, after: BranchPoint) -> tuple[float, Callable[[float], KernelRequests]]:
+def _way_between(
+    before: BranchPoint, after: BranchPoint
+) -> tuple[float, Callable[[float], Requests[CorrectedCycle]]]:
     """Length of the way between two points, and the cycle in the plane at a distance from the first.
 
     The cycles have the sequence of the second point. Where the first has another one, as at an event, the way goes back

@@ -1,24 +1,18 @@
 """Points of a branch, and the requests that compute them."""
 
-from collections.abc import Generator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
-from .kernels import CorrectedCycle, KernelCall, SimulatedMotion, corrected_cycle, simulation_of, trimmed
-from .kinds import End
+from .kernels import CorrectedCycle, corrected_cycle, trimmed
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle
-
-# Largest multiplier of a cycle up to which a simulation decides whether the machine follows it.
-TRUSTED = 1e4
-# Longest step unless another is requested, along the scaled parameter or for a cycle of size 1.
-LONGEST = 5e-2
-
-KernelRequests = Generator[Any, Any, Any]
+from .requests import KernelCall, Requests, ask, simulation_of
+from .tolerances import LONGEST_STEP
 
 
 class BranchPoint(NamedTuple):
@@ -150,11 +144,11 @@ class DirectedBranch:
     num_periods: float
     bounds: tuple[float, float]
     max_points: int
-    longest: float = LONGEST
+    longest: float = LONGEST_STEP
     points: list[BranchPoint | PlainPoint] = field(default_factory=list)
     cascade: list[tuple[int, BranchPoint]] = field(default_factory=list)
     rounds: int = 1
-    end: str = End.INTERRUPTED
+    end: str = EndKind.INTERRUPTED
     monitored: list[BranchPoint] = field(default_factory=list)
     last: float | None = None
     budget: Budget = field(default_factory=Budget)
@@ -177,15 +171,23 @@ class DirectedBranch:
         return min(self.bounds, key=lambda bound: abs(bound - p))
 
 
-class BranchEnd(Exception):
-    """End of a branch; the message is its reason."""
+class End(NamedTuple):
+    """End of a branch.
+
+    Attributes:
+        kind: its reason, an `EndKind` or the kind of the bifurcation that no branch passes.
+        point: the point where it ends, if the walk has it not yet.
+    """
+
+    kind: str
+    point: BranchPoint | None = None
 
 
-class TooManyEvents(BranchEnd):
-    """End of a branch at a cycle with more events than there is room for."""
+class TooManyEvents(Exception):
+    """A branch requests a cycle with more events than there is room for, which ends it."""
 
 
-def at_parameter(sequence: Sequence, guess: ExtendedCycle, p: float) -> KernelRequests:
+def at_parameter(sequence: Sequence, guess: ExtendedCycle, p: float) -> Requests[CorrectedCycle]:
     """Correct a cycle at a fixed parameter."""
     only_p = ExtendedCycle(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
     return (yield from corrected(sequence, guess, only_p, p))
@@ -196,13 +198,13 @@ def between(point: BranchPoint, new: BranchPoint, share: float) -> ExtendedCycle
     return ExtendedCycle(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
 
 
-def predicted_point(point: BranchPoint, ds: float) -> KernelRequests:
+def predicted_point(point: BranchPoint, ds: float) -> Requests[BranchPoint]:
     """Predict and correct the point a length `ds` along the branch; it may not have converged."""
     seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
     return BranchPoint.of(point.sequence, seen, point.arc + ds)
 
 
-def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> KernelRequests:
+def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> Requests[CorrectedCycle]:
     """Correct a cycle in the plane across the tangent of a point, at a distance `s` from it."""
     tangent = point.tangent
     return (yield from corrected(point.sequence, guess, tangent, point.place.along(tangent) + s))
@@ -210,13 +212,13 @@ def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> KernelReques
 
 def corrected(
     sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: float
-) -> KernelRequests:
+) -> Requests[CorrectedCycle]:
     """Correct a cycle with `weights . place = target`."""
-    seen: CorrectedCycle = yield KernelCall(corrected_cycle, sequence, (guess, weights, np.asarray(target)))
+    seen = yield from ask(KernelCall(corrected_cycle, sequence, (guess, weights, np.asarray(target))))
     return seen
 
 
-def correct_with_free_parameter(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
+def correct_with_free_parameter(sequence: Sequence, place: ExtendedCycle) -> Requests[CorrectedCycle]:
     """Correct a cycle where it is: the plane of random weights is generic, so it does not contain the branch."""
     rng = np.random.default_rng(0)
     weights = ExtendedCycle(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
@@ -226,7 +228,7 @@ def correct_with_free_parameter(sequence: Sequence, place: ExtendedCycle) -> Ker
 
 def first_followed(
     sequence: Sequence, place: ExtendedCycle, along: ExtendedCycle, lengths: tuple[float, ...]
-) -> KernelRequests:
+) -> Requests[BranchPoint | None]:
     """The cycle at the first of several distances in a direction at which the machine follows it; None if at none."""
     for ds in lengths:
         seen = yield from corrected(sequence, place.moved(along, ds), along, place.along(along) + ds)
@@ -236,7 +238,7 @@ def first_followed(
     return None
 
 
-def is_followed(point: BranchPoint) -> KernelRequests:
+def is_followed(point: BranchPoint) -> Requests[bool]:
     """True if the machine follows the cycle."""
-    followed: SimulatedMotion = yield simulation_of(point.sequence, point.place)
+    followed = yield from ask(simulation_of(point.sequence, point.place))
     return bool(followed.is_alike)

@@ -1,17 +1,20 @@
 """Scheduler of many branches: the kernel for which most of them wait runs next, batched over these in one call."""
 
-from collections.abc import Callable, Generator, Sequence as Many
+from collections.abc import Callable, Sequence as Many
+from dataclasses import replace
 from typing import Any
 
 from .._orbits.sequence import NOTHING
 from .batches import Stock, call, makes_of, stacked
-from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, KernelCall, padded, room_for, simulate_motion, trimmed
+from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, padded, room_for, simulate_motion, trimmed
 from .parameter_family import Family
 from .point import TooManyEvents
+from .requests import KernelCall, Requests, T
 from .step_batch import PARTS, StepBatch
+from .steps import PlainSteps
 
 
-def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:
+def drive(families: Many[Family], tasks: Many[Requests[T]], tell_progress: Callable[[], Any]) -> list[T]:
     """Run tasks, each with its family, side by side: they yield requests and are sent the answers.
 
     Returns what the tasks return; `tell_progress` is called once a round.
@@ -27,7 +30,8 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
             except StopIteration as end:
                 results[k] = end.value
                 continue
-            program, room = getattr(request, "program", None), room_for(len(request.sequence.kind))
+            program = request.program if isinstance(request, KernelCall) else None
+            room = room_for(len(request.sequence.kind))
             if program in PARTS and families[k].second is None:
                 program = None
             key = program, room, makes[k]
@@ -42,25 +46,26 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
         tell_progress()
 
 
-def _next_request(task: Generator, reply: Any) -> Any:
+def _next_request(task: Requests[Any], reply: Any) -> KernelCall[Any] | PlainSteps:
     """Next request of a task after a reply; one with too many events throws `TooManyEvents` into this task alone."""
     request = task.send(reply)
     while len(request.sequence.kind) > MOST_EVENTS:
         request = task.throw(TooManyEvents("max_events"))
-    return _without_padding(request)
+    assert isinstance(request, KernelCall | PlainSteps)
+    return _without_padding(request) if isinstance(request, KernelCall) else request
 
 
-def _without_padding(request: Any) -> Any:
+def _without_padding(request: KernelCall[T]) -> KernelCall[T]:
     """A request for a simulation that fits `ROOM_OF_SIMULATION`, without padding: it would ask for a program of its own."""
     kind = request.sequence.kind
-    if getattr(request, "program", None) is not simulate_motion or len(kind) > ROOM_OF_SIMULATION:
+    if request.program is not simulate_motion or len(kind) > ROOM_OF_SIMULATION:
         return request
     num = int((kind != NOTHING).sum())
     place, *others = request.arguments
-    return request._replace(sequence=trimmed(request.sequence, num), arguments=(trimmed(place, num), *others))
+    return replace(request, sequence=trimmed(request.sequence, num), arguments=(trimmed(place, num), *others))
 
 
-def answer(family: Family, request: KernelCall) -> Any:
+def answer(family: Family, request: KernelCall[T]) -> T:
     """Answer a single request."""
     room = room_for(len(request.sequence.kind))
     room = max(room, ROOM_OF_SIMULATION) if request.program is simulate_motion else room
@@ -85,8 +90,9 @@ class _Calls:
     def __len__(self) -> int:
         return len(self.waiting)
 
-    def add(self, task: int, request: KernelCall) -> None:
+    def add(self, task: int, request: KernelCall | PlainSteps) -> None:
         """Add a request."""
+        assert isinstance(request, KernelCall)
         self.waiting.append((task, request))
 
     def answer(self) -> dict[int, Any]:

@@ -15,25 +15,27 @@ from jaxtyping import Array, Bool
 from .._orbits.sequence import Sequence
 from .corrector import evaluate_at
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
-from .kernels import CorrectedCycle, KernelCall, LocatedState, as_corrected_cycle, location_on, trimmed
-from .kinds import End, Kind
+from .kernels import CorrectedCycle, as_corrected_cycle, trimmed
+from .kinds import EndKind, Kind
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchEnd, BranchPoint, KernelRequests, between, on_plane
+from .point import BranchPoint, End, between, on_plane
+from .requests import KernelCall, Requests, ask, location_on
 from .sequence_edits import in_a_row
-from .test_functions import CLOSE, TestFunction
+from .test_functions import TestFunction
+from .tolerances import (
+    CROSSED,
+    CROSSING_NEAR,
+    DOUBLING_APART,
+    DOUBLING_AS_ONE,
+    DOUBLING_FARTHER,
+    DOUBLING_LIKELY,
+    DOUBLING_LOCATED,
+    DOUBLING_SAME,
+    REAL_ROOT,
+)
 
 # Number of cycles by which the test function of a branch point is interpolated.
 _NODES = 9
-# _CROSSED: largest unknown beta of `AtBranchPoint`, by which branches part, at a point where they cross.
-# _NEAR: largest distance of that point from its first guess.
-_CROSSED, _NEAR = 1e-9, 1e-2
-# The end of a doubled branch, located as a fold, which is singular there:
-# `_LIKELY`: largest distance from -1 of a multiplier of the cycle of half the period.
-# `_LOCATED`: largest distance of the two halves.
-# `_FARTHER`: distance of the end itself beyond that, relative to the distance of the two halves.
-# `_SAME`: relative difference of the parameters of a fold and of the end that is rounding, for halves within `_APART`.
-_LIKELY, _LOCATED, _FARTHER = 0.1, 1e-6, 100.0
-_SAME, _APART = 1e-9, 1e-2
 
 
 def crossing(
@@ -45,7 +47,7 @@ def crossing(
     defining = DefiningSystem(family, sequence, condition)
     solved = solve(defining, defining.unknowns(guess))
     place, own = defining.place(solved.y)
-    return place, solved.is_found & (jnp.max(jnp.abs(own)) < _CROSSED)
+    return place, solved.is_found & (jnp.max(jnp.abs(own)) < CROSSED)
 
 
 class Doubling(NamedTuple):
@@ -69,63 +71,68 @@ def doubling(family: Family, sequence: Sequence, guess: ExtendedCycle) -> Doubli
     defining = DefiningSystem(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
     solved = solve(defining, defining.unknowns(guess))
     multipliers = evaluate_at(half, sequence, guess, guess).multipliers
-    is_likely = jnp.min(jnp.abs(multipliers + 1), initial=jnp.inf) < _LIKELY
+    is_likely = jnp.min(jnp.abs(multipliers + 1), initial=jnp.inf) < DOUBLING_LIKELY
     return Doubling(defining.place(solved.y)[0], solved.is_found, is_likely)
 
 
-def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
+def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
     """The branch point between two points of a branch."""
     length = new.arc - point.arc
     nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
     known = yield from _seen_at(point, new, nodes)
     s = _root_of(np.array([s for s, _ in known]), np.array([test.of(seen) for _, seen in known]), length)
     if not np.isfinite(s):
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     guess = between(point, new, s / length)
-    place, is_found = yield KernelCall(crossing, point.sequence, (guess,))
+    place, is_found = yield from ask(KernelCall(crossing, point.sequence, (guess,)))
     place = trimmed(place, len(point.sequence.kind))
-    if not is_found or not place.distance(guess) < _NEAR:
-        raise BranchEnd(End.NOT_CONVERGED)
+    if not is_found or not place.distance(guess) < CROSSING_NEAR:
+        return End(EndKind.NOT_CONVERGED)
     s = place.along(point.tangent) - point.place.along(point.tangent)
     return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
 
 
-def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
+def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoint | End | None]:
     """The end of a doubled branch at its period doubling, near a point; None if it does not end there."""
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
-    located: LocatedState = yield location_on(sequence, place, half)
+    located = yield from ask(location_on(sequence, place, half))
     away = np.abs(located.z - place.z).max()
-    if not away < _APART:
+    if not away < DOUBLING_APART:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     guess = place._replace(flights=place.flights[:num])
-    found: Doubling = yield KernelCall(doubling, once, (guess,))
+    found = yield from ask(KernelCall(doubling, once, (guess,)))
     # At a fold beside a grazing the two halves may be close as well.
-    distance, within = away, _LOCATED
+    distance, within = away, DOUBLING_LOCATED
     if found.is_found:
-        distance, within = trimmed(found.place, num).distance(guess), _LOCATED + _FARTHER * away
+        distance, within = (
+            trimmed(found.place, num).distance(guess),
+            DOUBLING_LOCATED + DOUBLING_FARTHER * away,
+        )
     # The fold is level: rounding moves it along the branch, but not its parameter.
-    is_same = bool(found.is_found) and abs(found.place.p - place.p) < _SAME * abs(place.p)
-    is_end = is_same if away > CLOSE else distance < within
+    is_same = bool(found.is_found) and abs(found.place.p - place.p) < DOUBLING_SAME * abs(place.p)
+    is_end = is_same if away > DOUBLING_AS_ONE else distance < within
     if not (found.is_likely and is_end):
         return None
     if not found.is_found:
-        raise BranchEnd(End.NOT_CONVERGED)
+        return End(EndKind.NOT_CONVERGED)
     twice, place = in_a_row([(once, trimmed(found.place, num))] * 2, half)
     return (yield from _point_at(twice, place, point.tangent, point.arc, Kind.HALF_PERIOD))
 
 
 def _point_at(
     sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle, arc: float, kind: str
-) -> KernelRequests:
-    seen: CorrectedCycle = yield KernelCall(as_corrected_cycle, sequence, (place, tangent))
+) -> Requests[BranchPoint]:
+    seen = yield from ask(KernelCall(as_corrected_cycle, sequence, (place, tangent)))
     return BranchPoint.of(sequence, seen, arc, kind=kind)
 
 
-def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> KernelRequests:
+def _seen_at(
+    point: BranchPoint, new: BranchPoint, ways: np.ndarray
+) -> Requests[list[tuple[float, CorrectedCycle]]]:
     """Pairs of distance from a point and corrected cycle there, of those that converge."""
     found = []
     ahead = partial(between, point, new)
@@ -142,6 +149,6 @@ def _root_of(ways: np.ndarray, values: np.ndarray, length: float) -> float:
     if len(ways) < 4:
         return np.nan
     roots = np.polynomial.Polynomial.fit(ways, values, len(ways) - 1).roots()
-    is_real = np.abs(roots.imag) < 1e-9 * length
+    is_real = np.abs(roots.imag) < REAL_ROOT * length
     roots = roots[is_real & (roots.real > 0) & (roots.real < length)].real
     return float(roots[0]) if len(roots) == 1 else np.nan

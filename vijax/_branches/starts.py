@@ -29,9 +29,8 @@ from .kernels import room_for
 from .parameter_family import Family
 from .point import BranchPoint
 from .scheduler import drive
+from .tolerances import IS_ONE, SMALL_ORBIT
 
-# Distance from 1 below which a multiplier is 1. At a fold without losses a double one keeps half the digits: it is not.
-_ONE = 1e-10
 # Initial room for events of a cycle other than impacts.
 _OTHERS = 32
 
@@ -237,10 +236,6 @@ def _lanes_last(*arrays: np.ndarray) -> np.ndarray:
     return whole[..., :1] if np.all(whole == whole[..., :1]) else whole
 
 
-# Size of an orbit, relative to the length by which the load moves free masses, below which that length is its scale.
-_SMALL = 0.1
-
-
 def _lengths_of(numbers: MachineNumbers) -> tuple[Reals, Reals]:
     """Position of the farthest stop, and the length by which the load moves free masses; lanes last."""
     load = np.abs(numbers.mean) + np.hypot(numbers.waves.cosine, numbers.waves.sine).sum(axis=0)
@@ -257,7 +252,7 @@ def _scales(states: np.ndarray, frequency: np.ndarray, limit: np.ndarray, free: 
     """Sizes of positions and velocities of orbits, (orbits, 2 n); an orbit may be at rest at 0."""
     x, v = np.split(np.abs(states), 2, axis=1)
     lengths = np.max([x.max(axis=1), v.max(axis=1) / frequency, limit], axis=0)
-    lengths = np.where(lengths < _SMALL * free, free, lengths)
+    lengths = np.where(lengths < SMALL_ORBIT * free, free, lengths)
     lengths = np.where(lengths > 0, lengths, 1)
     scales = lengths[:, None] * np.stack([np.ones_like(frequency), frequency], axis=1)
     return np.repeat(scales, x.shape[1], axis=1).astype(states.dtype)
@@ -377,7 +372,7 @@ def is_isolated(start: Start, family: Family) -> bool:
     At a fold one multiplier is 1, and the branch continues. Where two are, as at a resonance of a vibration without
     losses, Newton's method converges to any of the neighbours.
     """
-    num_ones = np.count_nonzero(np.abs(start.multipliers - 1) < _ONE)
+    num_ones = np.count_nonzero(np.abs(start.multipliers - 1) < IS_ONE)
     drift = 0 if family.drift is None else np.trace(family.drift)
     return bool(num_ones < 2 + 2 * np.trace(family.shifts) + drift)
 

@@ -10,7 +10,6 @@ from .batches import PAIRS, Stock, call, compiled_steps, in_parts, joined, stack
 from .kernels import (
     ROOM_OF_SIMULATION,
     CorrectedCycle,
-    KernelCall,
     SimulatedMotion,
     corrected_cycle,
     padded,
@@ -18,8 +17,10 @@ from .kernels import (
 )
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, PlainPoint
+from .requests import KernelCall
 from .step_kernel import Stepped, StepRequest, blank_cycle
-from .steps import SHORTEST, PlainSteps, StepLimits, Tried
+from .steps import PlainSteps, StepLimits, Tried
+from .tolerances import SHORTEST_STEP
 
 # Kernels of which `take_steps` consists.
 PARTS = corrected_cycle, simulate_motion
@@ -162,7 +163,7 @@ class _Stepper:
 
     def row(self, room: int) -> tuple[StepRequest, CorrectedCycle, float]:
         """The request, the point and the length of its first step."""
-        walk, start, point, ds, _ = self.request
+        walk, start, point = self.request.walk, self.request.start, self.request.point
         sequence, place = padded(point.sequence, (point.place,), room)
         one, other = start.sequence, point.sequence
         is_same = one is other or (
@@ -173,7 +174,7 @@ class _Stepper:
             _, origin, tangent = padded(one, (start.place, start.tangent), room)
         num_periods, bounds, longest = map(np.asarray, (walk.num_periods, walk.bounds, walk.longest))
         limits = StepLimits(num_periods, bounds, longest, origin, tangent)
-        return _request(sequence, place, limits), point.seen, ds
+        return _request(sequence, place, limits), point.seen, self.request.ds
 
     def most_steps(self, tries: int, num: int) -> int:
         """Most plain steps that it may take now, beside a number of others."""
@@ -189,7 +190,7 @@ class _Stepper:
 
     def is_answered(self, stepped: Stepped, k: int) -> bool:
         """True unless it may take more plain steps."""
-        is_over = _is_only_tried(stepped, k) or stepped.next_ds[k] < SHORTEST
+        is_over = _is_only_tried(stepped, k) or stepped.next_ds[k] < SHORTEST_STEP
         return bool(self.request.is_trial or self.request.walk.is_full or is_over)
 
     def reply(self, stepped: Stepped, k: int) -> tuple[BranchPoint, float, Tried | None]:

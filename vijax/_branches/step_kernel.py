@@ -20,7 +20,6 @@ from .corrector import Corrected
 from .kernels import PAST, CorrectedCycle, SimulatedMotion, corrected_cycle, corrected_cycles, simulate_motion
 from .parameter_family import ExtendedCycle, Family
 from .steps import (
-    SHORTEST,
     StepLimits,
     StepState,
     is_accepted,
@@ -30,6 +29,7 @@ from .steps import (
     next_length,
 )
 from .test_functions import of_neighbours
+from .tolerances import SHORTEST_STEP
 
 
 class StepRequest(NamedTuple):
@@ -147,7 +147,7 @@ def take_steps(
         shorter = jnp.where(trial.is_sound, before.next_ds, before.next_ds / 2)
         following = jnp.where(trial.is_taken, trial.next_length, shorter)
         left = state.left - trial.is_taken
-        goes_on = is_live & (trial.is_taken | ~trial.is_sound) & (left > 0) & (following >= SHORTEST)
+        goes_on = is_live & (trial.is_taken | ~trial.is_sound) & (left > 0) & (following >= SHORTEST_STEP)
         found = Stepped(
             point=_chosen(trial.is_taken, row, before.point),
             next_ds=jnp.where(is_live, following, before.next_ds),

@@ -5,6 +5,7 @@ Most steps are plain. They are taken one after another in one compiled program, 
 not plain is returned to `follow.py`. All functions treat one branch, and are traced.
 """
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -15,27 +16,25 @@ from .._jax.arrays import Flag, Scalar
 from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, SimulatedMotion
 from .parameter_family import ExtendedCycle
-from .point import TRUSTED, BranchPoint, DirectedBranch
-from .test_functions import ROUNDING, is_crossed, margins, num_unstable, of_neighbours, test_slopes
+from .point import BranchPoint, DirectedBranch
+from .requests import Request
+from .test_functions import is_crossed, margins, num_unstable, of_neighbours, test_slopes
+from .tolerances import (
+    FIRST_STEP,
+    LEAST_COSINE,
+    MULTIPLIER_MOVE,
+    NARROWEST_BY_MOVE,
+    NARROWEST_BY_TURN,
+    PLANNED_MOVE,
+    PROBE_STEP,
+    REAL_MULTIPLIER,
+    ROUNDED_FUNCTION,
+    TRUSTED,
+)
 
-# Shortest step, along the scaled parameter or for a cycle of size 1.
-SHORTEST = 1e-9
-# `MIN_TANGENT_COSINE`: cosine of the largest angle between the tangents at the ends of a step.
 # `_FEW`: largest number of Newton iterations after which steps grow by half.
 # `_MANY`: number of Newton iterations from which steps shrink, and the most of an accepted step.
-MIN_TANGENT_COSINE, _FEW, _MANY = 0.98, 4, 7
-# `FIRST`: length of the first step.
-# `PROBE`: length of the probe before it, which measures how fast multipliers move.
-FIRST, PROBE = 2e-3, 1e-5
-# Move of a multiplier on a step, relative to its distance from +1, which a pair passes at a resonance:
-# `_TURNED`: the largest accepted.
-# `_PLANNED`: the one for which the next step is planned.
-# `_NARROWEST`: length of a step from which on these limits do not shorten it.
-_TURNED, _PLANNED, _NARROWEST = 0.6, 0.4, 1e-6
-# `_WIDE`: length of a step from which on a function of multipliers that seems to pass zero twice does not shorten it.
-_WIDE = 1e-4
-# Multipliers this close to the real axis are real: folds and branch points have test functions of their own.
-_REAL = 1e-9
+_FEW, _MANY = 4, 7
 
 
 class Tried(NamedTuple):
@@ -52,7 +51,8 @@ class Tried(NamedTuple):
     next_length: float
 
 
-class PlainSteps(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PlainSteps(Request[tuple[BranchPoint, float, Tried | None]]):
     """Request for plain steps.
 
     The answer is the last point, the length of the next step, and this step itself if it was tried and not taken, or
@@ -74,7 +74,7 @@ class PlainSteps(NamedTuple):
     is_trial: bool = False
 
     @property
-    def sequence(self) -> Sequence:
+    def sequence(self) -> Sequence:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Sequence of the cycles."""
         return self.point.sequence
 
@@ -139,17 +139,17 @@ def is_accepted(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scal
     """True where the corrector converged fast and the tangents at both ends are close."""
     found = seen.found
     is_near = found.is_converged & (found.first < 10 * ds) & (found.num_steps <= _MANY)
-    return is_near & (new.tangent.along(known.tangent) > MIN_TANGENT_COSINE)
+    return is_near & (new.tangent.along(known.tangent) > LEAST_COSINE)
 
 
 def is_resolved(known: StepState, new: StepState, ds: Scalar) -> Flag:
     """True where a step is short enough: no pair of multipliers passes +1, and no function of it vanishes twice."""
-    is_slow = (_multiplier_motion(known, new) <= _TURNED) | (ds <= _NARROWEST)
+    is_slow = (_multiplier_motion(known, new) <= MULTIPLIER_MOVE) | (ds <= NARROWEST_BY_MOVE)
     falls, rises = known.slopes * ds / 3, new.slopes * ds / 3
     # The Hermite cubic through both ends is positive if these two of its Bernstein coefficients are.
     dips = (falls < 0) & (rises > 0) & ((known.margins + falls <= 0) | (new.margins - rises <= 0))
     is_known = (known.margins > 0) & (new.margins > 0)
-    return is_slow & ~jnp.any(dips & is_known) & ~(_turns_at_zero(known, new, ds) & (ds > _WIDE))
+    return is_slow & ~jnp.any(dips & is_known) & ~(_turns_at_zero(known, new, ds) & (ds > NARROWEST_BY_TURN))
 
 
 def _turns_at_zero(known: StepState, new: StepState, ds: Scalar) -> Flag:
@@ -163,7 +163,7 @@ def _turns_at_zero(known: StepState, new: StepState, ds: Scalar) -> Flag:
     slope = rise + bend * known.past[-1]
     is_turning = (sign * slope < 0) & (sign * (slope + 2 * bend * ds) > 0)
     is_beyond = sign * (here - slope**2 / jnp.where(is_turning, 4 * bend, 1)) < 0
-    is_rounding = jnp.maximum(jnp.abs(here), jnp.abs(after)) < ROUNDING
+    is_rounding = jnp.maximum(jnp.abs(here), jnp.abs(after)) < ROUNDED_FUNCTION
     return jnp.any(is_turning & is_beyond & (here * after > 0) & ~is_rounding)
 
 
@@ -173,21 +173,21 @@ def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scal
     grown = ds * jnp.where(steps <= _FEW, 1.5, jnp.where(steps < _MANY, 1.2, 0.7))
     # Cycles may grow far beyond the first one; along the parameter no step exceeds `most`.
     size = jnp.maximum(jnp.max(jnp.abs(new.place.z)), 1)
-    along_parameter = most / jnp.maximum(jnp.abs(new.tangent.p), _REAL)
+    along_parameter = most / jnp.maximum(jnp.abs(new.tangent.p), REAL_MULTIPLIER)
     longest = jnp.minimum(most * size, jnp.maximum(along_parameter, most))
-    grown = jnp.minimum(jnp.where(ds == PROBE, FIRST, grown), longest)
-    planned = ds * _PLANNED / jnp.maximum(_multiplier_motion(known, new), np.finfo(float).tiny)
-    return jnp.minimum(grown, jnp.maximum(planned, _NARROWEST))
+    grown = jnp.minimum(jnp.where(ds == PROBE_STEP, FIRST_STEP, grown), longest)
+    planned = ds * PLANNED_MOVE / jnp.maximum(_multiplier_motion(known, new), np.finfo(float).tiny)
+    return jnp.minimum(grown, jnp.maximum(planned, NARROWEST_BY_MOVE))
 
 
 def _multiplier_motion(known: StepState, new: StepState) -> Scalar:
     """Largest move of a complex multiplier, relative to its distance from +1."""
     mu, before = new.multipliers, known.multipliers
-    is_pair = jnp.isfinite(mu) & (jnp.abs(jnp.imag(mu)) > _REAL)
+    is_pair = jnp.isfinite(mu) & (jnp.abs(jnp.imag(mu)) > REAL_MULTIPLIER)
     mu = jnp.where(is_pair, mu, 0)
     ways = jnp.abs(mu[:, None] - before[None, :])
     way = jnp.min(jnp.where(jnp.isfinite(ways), ways, jnp.inf), axis=1)
-    return jnp.max(jnp.where(is_pair, way / jnp.maximum(jnp.abs(mu - 1), _REAL), 0))
+    return jnp.max(jnp.where(is_pair, way / jnp.maximum(jnp.abs(mu - 1), REAL_MULTIPLIER), 0))
 
 
 def is_plain(sequence: Sequence, known: StepState, new: StepState, limits: StepLimits, ds: Scalar) -> Flag:
@@ -199,7 +199,7 @@ def is_plain(sequence: Sequence, known: StepState, new: StepState, limits: StepL
     times = jnp.cumsum(new.place.flights)
     is_other = jnp.any(sequence.is_event & ((times < 0) | (times > limits.num_periods)))
     s = limits.start.along(known.tangent) - known.place.along(known.tangent)
-    is_back = (s > 0) & (s <= ds) & (limits.tangent.along(known.tangent) >= MIN_TANGENT_COSINE)
+    is_back = (s > 0) & (s <= ds) & (limits.tangent.along(known.tangent) >= LEAST_COSINE)
     return ~(is_met | is_special | is_odd | is_out | is_other | is_back)
 
 

@@ -9,16 +9,15 @@ from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
-from .kernels import KernelCall, jacobian
+from .kernels import jacobian
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchPoint, DirectedBranch, KernelRequests, correct_with_free_parameter, first_followed
+from .point import BranchPoint, DirectedBranch, correct_with_free_parameter, first_followed
+from .requests import KernelCall, Requests, ask
 from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
-
-# Distances along the other branch, relative to the size of the motion; the first that the machine follows counts.
-_TRIALS = 1e-3, 1e-4, 1e-2
+from .tolerances import TRIALS_ON_OTHER
 
 
 @padding_allowed
@@ -88,13 +87,13 @@ def _ends_doubled(point: Bifurcation) -> bool:
     return point.kind == Kind.BRANCH_POINT and end == Kind.HALF_PERIOD
 
 
-def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
+def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> Requests[BranchPoint | None]:
     """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     seen = yield from correct_with_free_parameter(once, place._replace(flights=place.flights[:num]))
     at = BranchPoint.of(once, seen, 0.0)
-    return (yield from first_followed(once, at.place, at.tangent, _TRIALS))
+    return (yield from first_followed(once, at.place, at.tangent, TRIALS_ON_OTHER))
 
 
 def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
@@ -107,7 +106,7 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     for is_hit in hits_of(touch, start.num_periods):
         num_periods = len(is_hit) * touch.num_periods
         longer = family_of(start._replace(num_periods=num_periods), path, value - 1, value + 1)
-        (other,) = drive([longer], [leave(*repeated(touch, is_hit), _TRIALS)], lambda: None)
+        (other,) = drive([longer], [leave(*repeated(touch, is_hit), TRIALS_ON_OTHER)], lambda: None)
         orbits += [] if other is None else [_orbit(longer, other)]
     return orbits
 
@@ -118,12 +117,12 @@ def _orbit(family: Family, point: BranchPoint) -> PeriodicOrbit:
     return branch_of(family, point, empty, empty).orbit(0)
 
 
-def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> KernelRequests:
+def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> Requests[BranchPoint | None]:
     """An orbit a short way along the null vector of the equations at fixed parameter."""
-    matrix = yield KernelCall(jacobian, sequence, (place,))
+    matrix = yield from ask(KernelCall(jacobian, sequence, (place,)))
     size, num_events = len(place.z), len(place.flights)
     kept = np.r_[: size + num_events]
     direction = np.linalg.svd(matrix[np.ix_(kept, kept)])[2][-1]
     along = ExtendedCycle(direction[:size], direction[size:], np.zeros(()))
-    lengths = tuple(side * ds for ds in _TRIALS)
+    lengths = tuple(side * ds for ds in TRIALS_ON_OTHER)
     return (yield from first_followed(sequence, place, along, lengths))

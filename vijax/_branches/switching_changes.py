@@ -17,32 +17,26 @@ from .behind_event import (
 )
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchEnd, BranchPoint, KernelRequests, is_followed
+from .point import BranchPoint, End, is_followed
+from .requests import Requests
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
+from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
 # Modes of friction that slips, each with that of the opposite direction.
 _OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
-# Lengths of the step off a slow impact beside friction: the machine takes one below 1e-6 for the end of a chatter.
-_OFF_LIGHT = 1e-4, 1e-5, 1e-6
-# Durations, in forcing periods, of a new contact behind its first touch.
-_CONTACTS = 1e-4, 1e-5, 1e-3
-# Time within which two events are at once, in forcing periods.
-_AT_ONCE = 1e-6
 
 
-def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
+def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End | None]:
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
     if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
-        raise BranchEnd(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
     together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
-        try:
-            return (yield from _with_impacts(event, together))
-        except BranchEnd:
-            return (yield from _with_contacts(event, together))
+        new = yield from _with_impacts(event, together)
+        return new if isinstance(new, BranchPoint) else (yield from _with_contacts(event, together))
     if test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT:
         other = _events_behind_lost_impacts(event, together)
         return (yield from _with_other_reversal(event, *other)) if other else None
@@ -51,22 +45,20 @@ def by_switching(event: BranchPoint, test: TestFunction) -> KernelRequests:
     return (yield from _with_merged_events(event, test, together))
 
 
-def _with_impacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
+def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:
     """Continue behind a touch of rigid stops."""
     sequence, place, impacts = events_behind_touches(event, stops)
     if len(stops) == 1:
         return (yield from _with_other_reversal(event, sequence, place))
     new = yield from with_earlier_impacts(event, sequence, place, impacts)
-    if new is None:
-        raise BranchEnd(Kind.GRAZING)
-    return new
+    return End(Kind.GRAZING) if new is None else new
 
 
 def events_behind_touches(event: BranchPoint, stops: list[int]) -> tuple[Sequence, ExtendedCycle, list[int]]:
     """The events behind a touch of rigid stops, and the numbers of the new impacts; one replaces friction's turn there."""
     sequence, place, impacts = event.sequence, event.place, []
     for (flight, time), stop in sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]:
-        turns = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - time) < _AT_ONCE)
+        turns = (sequence.kind == TURN) & (np.abs(np.cumsum(place.flights) - time) < EVENTS_AT_ONCE)
         if turns.any():
             impact = int(np.argmax(turns))
             sequence = with_other_kind(sequence, impact, IMPACT, stop)
@@ -86,29 +78,30 @@ def _events_behind_lost_impacts(event: BranchPoint, lost: list[int]) -> tuple[Se
             return None
         sequence = with_other_kind(sequence, k, TURN, int(turned[0]))
         ends = k + 1 < len(sequence.kind) and sequence.stop[k + 1] == turned[0]
-        if ends and abs(place.flights[k + 1]) < _AT_ONCE:  # it stops at once
+        if ends and abs(place.flights[k + 1]) < EVENTS_AT_ONCE:  # it stops at once
             sequence, place = with_events_merged(sequence, place, k + 1)
     return sequence, place
 
 
-def _with_other_reversal(event: BranchPoint, sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
+def _with_other_reversal(
+    event: BranchPoint, sequence: Sequence, place: ExtendedCycle
+) -> Requests[BranchPoint | End]:
     """Continue behind a grazing, with or without an impact, on other events."""
     at = yield from corrected_on_sequence(sequence, place, event)
+    if isinstance(at, End):
+        return at
     for is_ahead in (True, False):
-        try:
-            new = yield from step_off(at, is_ahead, _OFF_LIGHT)
-        except BranchEnd:
-            continue
-        if (yield from is_followed(new)):
+        new = yield from step_off(at, is_ahead, STEP_OFF_LIGHT)
+        if isinstance(new, BranchPoint) and (yield from is_followed(new)):
             return new
-    raise BranchEnd(Kind.GRAZING)
+    return End(Kind.GRAZING)
 
 
-def _with_contacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
+def _with_contacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:
     """Continue behind the touch of compliant contacts: each closes and opens, with a given short time between."""
     touches = sorted((event.seen.watched.touch_of(stop), stop) for stop in stops)[::-1]
     for opening in (OPEN, OPEN + SECOND):
-        for duration in _CONTACTS:
+        for duration in NEW_CONTACTS:
             sequence, place = event.sequence, event.place
             lasts = 0 * place.flights
             for (flight, time), stop in touches:
@@ -118,7 +111,7 @@ def _with_contacts(event: BranchPoint, stops: list[int]) -> KernelRequests:
             new = yield from followed_beside(event, sequence, place, weights)
             if new is not None:
                 return new
-    raise BranchEnd(Kind.GRAZING)
+    return End(Kind.GRAZING)
 
 
 def _stops_at_impact(sequence: Sequence, test: TestFunction) -> bool:
@@ -130,7 +123,7 @@ def _stops_at_impact(sequence: Sequence, test: TestFunction) -> bool:
     return bool(sequence.kind[k - 1] == IMPACT and sequence.kind[k] == STICK and is_slip)
 
 
-def _with_other_slip(event: BranchPoint, k: int) -> KernelRequests:
+def _with_other_slip(event: BranchPoint, k: int) -> Requests[BranchPoint | End]:
     """Continue behind a stick right after an impact with a slip in the other direction between the two."""
     mode, stop = event.sequence.mode.copy(), event.sequence.stop[k]
     mode[k, stop] = _OTHER_WAY[mode[k, stop]]
@@ -138,21 +131,27 @@ def _with_other_slip(event: BranchPoint, k: int) -> KernelRequests:
     return (yield from oriented(sequence, event.place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_merged_events(event: BranchPoint, test: TestFunction, together: list[int]) -> KernelRequests:
+def _with_merged_events(
+    event: BranchPoint, test: TestFunction, together: list[int]
+) -> Requests[BranchPoint | End]:
     """Continue behind two events of one element that meet, without them, or with one event in their place.
 
     Pairs that meet `together` with them are merged as well.
     """
     sequence, place, k = event.sequence, event.place, test.index
     if test.kind == Kind.GRAZING:
-        k = later_of_meeting(event, k)
-        together = [later_of_meeting(event, one) for one in together]
+        later = [later_of_meeting(event, one) for one in (k, *together)]
+        if None in later:
+            return End(Kind.GRAZING)
+        k, *together = (one for one in later if one is not None)
     elif not (test.of_flight and test.kind in _OF_STICKS):
-        raise BranchEnd(test.kind)  # an event appears, or two elements switch at once
+        return End(test.kind)  # an event appears, or two elements switch at once
     stop, num = int(sequence.stop[k]), sequence.mode.shape[1]
     for one in sorted({*together})[::-1]:
         sequence, place = with_events_merged(sequence, place, one)
     at = yield from corrected_on_sequence(sequence, place, event)
+    if isinstance(at, End):
+        return at
     rates, least = at.seen.rates, at.seen.watched.force
     guard = min((stop, stop + num), key=lambda j: abs(least[j]))
     rates_of: dict[str, Any] = {
@@ -164,10 +163,8 @@ def _with_merged_events(event: BranchPoint, test: TestFunction, together: list[i
     return (yield from step_off(at, float(rate) > 0))
 
 
-def later_of_meeting(event: BranchPoint, k: int) -> int:
-    """Number of the later of two events of one compliant contact of which `k` is one, with no time between."""
+def later_of_meeting(event: BranchPoint, k: int) -> int | None:
+    """Number of the later of two events of one compliant contact of which `k` is one, with no time between; None if it has none."""
     flights, stop = np.append(event.place.flights, np.inf), np.append(event.sequence.stop, -1)
     pairs = [i for i in (k, k + 1) if i and stop[i] == stop[i - 1]]
-    if not pairs:
-        raise BranchEnd(Kind.GRAZING)
-    return min(pairs, key=lambda i: abs(flights[i]))
+    return min(pairs, key=lambda i: abs(flights[i]), default=None)

@@ -12,17 +12,9 @@ from .._machine.state import AHEAD, BEHIND, STICKING
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
+from .tolerances import AT_BIFURCATION, CUT_AT_ONCE, ON_CIRCLE, ROUNDED_FUNCTION, STICK_BEGINS
 
 Multipliers = Any
-
-# Distance below which a multiplier has its value at a bifurcation, and the two halves of a cycle are one.
-CLOSE = 1e-4
-# Time within which two events are at once, in forcing periods.
-_AT_ONCE = 1e-9
-# ROUNDING: size below which a function of multipliers, at both ends of a step, is zero, as without damping.
-ROUNDING = 1e-10
-# Distance from the unit circle below which a multiplier is on it up to rounding; a double one has half the digits.
-_ON_CIRCLE = 1e-7
 
 
 class TestFunction(NamedTuple):
@@ -79,7 +71,9 @@ def of_pairs(mu: Multipliers) -> Any:
 
 def num_on_circle(mu: Multipliers) -> int:
     """Number of multipliers on the unit circle that are not real."""
-    return int(np.count_nonzero((np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)))
+    return int(
+        np.count_nonzero((np.abs(np.abs(mu) - 1) < AT_BIFURCATION) & (np.abs(mu.imag) > AT_BIFURCATION))
+    )
 
 
 TESTS_OF_NEIGHBOURS = (
@@ -99,7 +93,7 @@ def of_neighbours(seen: CorrectedCycle) -> Any:
 def is_crossed(before: Any, after: Any) -> Any:
     """True where a function of multipliers changes sign between two values that are not both rounding."""
     xp = array_namespace(before, after)
-    return (before * after < 0) & (xp.maximum(xp.abs(before), xp.abs(after)) > ROUNDING)
+    return (before * after < 0) & (xp.maximum(xp.abs(before), xp.abs(after)) > ROUNDED_FUNCTION)
 
 
 # Kinds of events at which the least value of a quantity of a stop vanishes, and these quantities.
@@ -186,7 +180,7 @@ def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
         return test.kind
     flight, time = int(seen.watched.force_flight[test.index]), float(seen.watched.force_time[test.index])
     begin = float(seen.found.place.flights[:flight].sum())
-    return Kind.SWITCHING_SLIDING if flight and abs(time - begin) < CLOSE else Kind.ADDING_SLIDING
+    return Kind.SWITCHING_SLIDING if flight and abs(time - begin) < STICK_BEGINS else Kind.ADDING_SLIDING
 
 
 def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
@@ -197,7 +191,7 @@ def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
     opens = is_own & _is_one_of(sequence.kind, (OPEN, OPEN + SECOND))
     cuts = np.flatnonzero(sequence.kind == IMPACT if test.kind == Kind.GRAZING_SLIDING else opens)
     since = np.cumsum(seen.found.place.flights)[cuts] - float(seen.watched.gap_time[test.index])
-    return bool((np.abs(since) < _AT_ONCE).any())
+    return bool((np.abs(since) < CUT_AT_ONCE).any())
 
 
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
@@ -305,4 +299,4 @@ def _is_end_of_rebound(sequence: Sequence, k: int, impacts: set[int]) -> bool:
 def num_unstable(seen: CorrectedCycle) -> Any:
     """Number of multipliers outside the unit circle."""
     xp, mu = array_namespace(seen.found.multipliers), seen.found.multipliers
-    return xp.count_nonzero(xp.abs(mu) > 1 + _ON_CIRCLE, axis=-1)
+    return xp.count_nonzero(xp.abs(mu) > 1 + ON_CIRCLE, axis=-1)

@@ -14,25 +14,20 @@ from .._orbits.sequence import Sequence
 from .degenerate_grazing import vanishing
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, KernelRequests, at_parameter
+from .point import BranchPoint, at_parameter
+from .requests import Requests
 from .test_functions import TestFunction
-
-# _SHORT: duration of a hop, in forcing periods, below which it may vanish close by.
-# _NEAR: largest distance of the cycle without the hop.
-_SHORT, _NEAR = 5e-2, 1e-2
-# _TINY: duration of a hop at which it is a double root, and the force behind it, that the branch is moved by rounding.
-# _MOVED: largest change of the scaled parameter by that.
-_TINY, _MOVED = 1e-4, 1e-6
+from .tolerances import DOUBLE_ROOT_HOP, HOP_MOVED, HOP_NEAR, SHORT_HOP
 
 
-def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> KernelRequests:
+def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Requests[BranchPoint | None]:
     """The point without a hop near a point with it, where the contact force touches zero; None if there is none.
 
     `flight` is the number of the hop; any short hop if left out.
     """
     for stop, sequence, place in _without_hops(point, flight):
         seen = yield from at_parameter(sequence, place, float(place.p))
-        if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > _NEAR:
+        if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > HOP_NEAR:
             continue
         start = BranchPoint.of(sequence, seen, point.arc)
         found = yield from vanishing(start, Kind.FORCE_ZERO, stop)
@@ -41,7 +36,7 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Ke
     return None
 
 
-def hop_that_ends(test: TestFunction, event: BranchPoint) -> KernelRequests:
+def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
     """The point where a hop vanishes, if that makes an impact lose its speed or holds a mass back; else None."""
     watched, k = event.seen.watched, test.index
     if test.kind == Kind.GRAZING:
@@ -51,9 +46,9 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> KernelRequests:
         return (yield from end_of_vanishing_flight(event, int(flights[k])))
     if test.kind == Kind.FORCE_ZERO:
         hops = np.where(event.sequence.stop == k, _durations(event), np.inf)
-        if np.min(hops, initial=np.inf) < _TINY:
+        if np.min(hops, initial=np.inf) < DOUBLE_ROOT_HOP:
             found = yield from end_of_vanishing_flight(event, int(np.argmin(hops)))
-            if found is not None and abs(found.place.p - event.place.p) < _MOVED:
+            if found is not None and abs(found.place.p - event.place.p) < HOP_MOVED:
                 return found
     return None
 
@@ -63,7 +58,7 @@ def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int,
     sequence, durations = point.sequence, _durations(point)
     num = 0 if sequence.is_switching else len(durations)
     for k in np.argsort(durations[:num]) if flight is None else [flight % max(num, 1)]:
-        last = _end_of_hop(point, int(k)) if num and durations[k] < _SHORT else None
+        last = _end_of_hop(point, int(k)) if num and durations[k] < SHORT_HOP else None
         if last is not None:
             shorter = _held_from_the_start(point, last) if k == 0 else _held(point, int(k), last)
             yield int(sequence.stop[k]), *shorter

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
-from .._branches.kinds import MONITOR, End, Kind
+from .._branches.kinds import MONITOR, EndKind, Kind
 from .._dataset_checks import check_columns
 from .._hybrid.limits import IMPACT
 from .._sweep.literals import Quantity
@@ -249,7 +249,7 @@ class _Curves(NamedTuple):
 def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | None) -> _Curves:
     """The lines of the impacts of a branch at a stop, or of a quantity of a stop or a mass."""
     points = branch.points
-    if branch.ends == (End.CLOSED, End.CLOSED):  # repeat the first point at the end
+    if branch.ends == (EndKind.CLOSED, EndKind.CLOSED):  # repeat the first point at the end
         points = points.isel(point=[*range(len(branch)), 0])
     kinds = points["bifurcation"].values.astype(str)
     # At a multiplier on the unit circle `is_stable` is decided by rounding: the other end of the segment decides.
