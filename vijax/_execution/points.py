@@ -11,7 +11,6 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from .._dataset_attributes import check_column
 from .._system.checks import FINITE, check_every, check_machines
 from .._system.family import Family
 from .._system.parameters import find_parameter
@@ -40,12 +39,9 @@ def points_of_lanes(base: LaneInput[Any], swept: dict[str, np.ndarray]) -> LaneI
         The lanes; leaves that are not swept have a single one.
 
     Raises:
-        ValueError: for a path that names nothing or cannot name a column, or values that do not fit or make no valid machine.
+        ValueError: for a path that names nothing, or values that do not fit or make no valid machine.
     """
     points = with_values(base, swept)
-    if isinstance(base.system, Family):
-        for path in swept:
-            check_column(path)
     _check(points)
     return points
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
+from .._dataset_attributes import check_column
 from .._execution.points import LaneInput, points_of_lanes
 from .._jax.arrays import Numbers, as_float
 from .._system.system import AnySystem, ImpactSystem
@@ -49,5 +50,7 @@ def grid_points(
     grid = np.tile(grid, 2 if twice else 1)
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
     points = jax.tree.map(lambda a: np.asarray(a, dtype), points_of_lanes(base, swept))
+    for path in axes:
+        check_column(path)
     full = lambda a: np.array(np.broadcast_to(a, (base.system.num_masses, grid.shape[1])))  # noqa: E731
     return LaneInput(points.system, full(points.x0), full(points.v0))

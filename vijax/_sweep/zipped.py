@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import check_column
 from .._execution.cluster import choose_runner
 from .._execution.points import LaneInput, points_of_lanes
 from .._execution.runner import Counts
@@ -63,6 +64,8 @@ def sweep_zipped(
     base = LaneInput(system, zero, zero)
     given = dict(values) | starts
     points = points_of_lanes(base, given)
+    for path in values:
+        check_column(path)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
     own_counts = replace(counts, can_stick=can_stick, observed=observed_for(quantities))
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow, for_many=True)
