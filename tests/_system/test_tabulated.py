@@ -121,8 +121,11 @@ def test_a_base_may_move_by_a_record():
     record = vx.Tabulated([0.0, 1.0, 2.0], [0.0, 3.0, 0.0])
     load = vx.base_excitation([1.0, 2.0], acceleration=record, mean=[0.1, 0.2])
     assert isinstance(load, LoadSum)
-    np.testing.assert_array_equal(load[0].values, [[-0.0, -0.0], [-3.0, -6.0], [-0.0, -0.0]])
-    np.testing.assert_array_equal(load[1].mean, [0.1, 0.2])
+    record_of_base, weight = load.parts
+    assert isinstance(record_of_base, vx.Tabulated)
+    assert isinstance(weight, vx.Harmonic)
+    np.testing.assert_array_equal(record_of_base.values, [[-0.0, -0.0], [-3.0, -6.0], [-0.0, -0.0]])
+    np.testing.assert_array_equal(weight.mean, [0.1, 0.2])
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ WRONG = {
     f"vx.ImpactSystem([1.0], [[0.1]], [[1.0]], {LOAD}, vx.Contact({{0: 1.0}}))": f"{LIST} Contact",
     f"vx.chain([1.0], [0.1], [1.0], {LOAD}, None)": f"{LIST} None",
     f"vx.chain([1.0], [0.1], [1.0], {LOAD}, [0.3])": f"{LIST} [0.3]",
-    "vx.chain([1.0], [0.1], [1.0], 0.5)": "Argument `forcing` must be a load, a `vx.Harmonic`,",
+    "vx.chain([1.0], [0.1], [1.0], 0.5)": "Argument `forcing` must be a load, a `vx.Harmonic`",
     f'vx.simulate({ONE}, "0", 1.0)': f"Argument `t0` {NUMBERS} '0'.",
     f'vx.simulate({ONE}, 0.0, "1")': f"Argument `t1` {NUMBERS} '1'.",
     f'vx.simulate({ONE}, 0.0, 1.0, ["0"])': f"Argument `x0` {NUMBERS} ['0'].",
