@@ -22,6 +22,7 @@ from .._orbits.cycle import Event, Moment, Problem, fly_to_event, initial_moment
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import closing_pin
 from .._orbits.sequence import NOTHING, Sequence
+from .._system.family import structure_of
 from .corrector import Corrected, NewtonState, is_converged, is_going_on
 from .parameter_family import ExtendedCycle, Family
 
@@ -89,7 +90,7 @@ _MOST_MASSES = 3
 
 def can_correct_many(families: Family) -> bool:
     """True if `correct_many` may be taken for families, along the first axis: by their flow and number of masses."""
-    is_modal = isinstance(families.flow, ModalFlow) and not is_by_tables(families.system)
+    is_modal = isinstance(families.flow, ModalFlow) and not is_by_tables(structure_of(families.system))
     return is_modal and families.scale.shape[-1] <= 2 * _MOST_MASSES
 
 

@@ -1,5 +1,7 @@
 """Small symmetric matrices over contacts or masses, lanes last."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +23,7 @@ def inverse_among(
         return _WRITTEN_OUT[size](matrix, members)
     least = slack_of(matrix) * diagonal(matrix)
 
-    def sweep(a: Array, member: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    def sweep(a: Array, member: tuple[Any, Array, Array]) -> tuple[Array, Array]:
         here, is_member, least = member
         row = jnp.sum(jnp.where(here[:, None], a, 0), axis=0)
         column = jnp.sum(jnp.where(here[None], a, 0), axis=1)

@@ -19,7 +19,7 @@ from .._jax.arrays import Numbers, as_float
 from .._jax.concrete import concrete_evaluation, has_tracer
 from .family_program import FamilyProgram, kinds_of
 from .spelling import did_you_mean
-from .system import AbstractFamily, ImpactSystem
+from .system import AbstractFamily, AnySystem, ImpactSystem, machine_of
 
 # Names of the start of a sweep, which stand beside those of the machine.
 _OF_START = ("x0", "v0")
@@ -120,6 +120,11 @@ class Family(AbstractFamily):
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={_short(a)}" for name, a in self.values.items())
         return f"Family({self.program.name}, {values})"
+
+
+def structure_of(system: AnySystem) -> ImpactSystem:
+    """The machine itself, or that of a family with shapes in place of its arrays: what its elements are, at any values."""
+    return system.program.shapes() if isinstance(system, Family) else machine_of(system)
 
 
 def _short(value: Any) -> str:

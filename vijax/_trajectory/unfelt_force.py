@@ -25,7 +25,7 @@ def warn_of_unfelt_force(
     force, (x, v) = system.force, start
     if force is None or system.friction or not _is_unmoved(solution, x, v):
         return
-    times = np.linspace(*map(np.asarray, span), _TIMES)
+    times = np.linspace(np.asarray(span[0]), np.asarray(span[1]), _TIMES)
     forces = np.asarray(eqx.filter_jit(jax.vmap(force, (0, None, None)))(times, x, v))
     acts = np.any(forces != forces[0], axis=1)
     if acts.any():
