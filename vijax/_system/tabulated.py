@@ -55,7 +55,7 @@ class Tabulated(AbstractLoad):
 
     @property
     def frequency(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Zero: a table has no frequency."""
+        """Zero, as a table has no frequency."""
         return np.zeros(self.times.shape[1:], self.times.dtype)
 
     @property
