@@ -55,7 +55,7 @@ def pair(frequency=1.65, ratio=0.02):
     return vx.chain([1.0, 1.29], [ratio, ratio], [1.0, 1.1], load, stops)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_torus_along_a_value_is_that_along_the_path():
     found = []
     for system, path in ((vx.Family(pair), "frequency"), (pair(), "forcing.frequency")):

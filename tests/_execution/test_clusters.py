@@ -52,7 +52,7 @@ def test_processes_write_the_same(plain, pool, tmp_path):
 def test_a_force_that_cannot_be_sent_is_refused(pool):
     system = replace_force(lambda t, x, v, args: -0.1 * x**3)
     with pytest.raises(
-        ValueError, match="cannot be sent to another process: a `force` or `flow` of your own must be"
+        ValueError, match="cannot be sent to another process: a `force`, `flow` or family of your own must be"
     ):
         sweep(system=system, executor=pool)
 

@@ -10,6 +10,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Array
 
 from .._jax.arrays import Reals
 from .._system.system import ImpactSystem
@@ -26,7 +27,7 @@ def warn_of_unfelt_force(
     if force is None or system.friction or not _is_unmoved(solution, x, v):
         return
     times = np.linspace(np.asarray(span[0]), np.asarray(span[1]), _TIMES)
-    forces = np.asarray(eqx.filter_jit(jax.vmap(force, (0, None, None)))(times, x, v))
+    forces = np.asarray(_at_all(force, times, x, v))
     acts = np.any(forces != forces[0], axis=1)
     if acts.any():
         warnings.warn(
@@ -35,6 +36,11 @@ def warn_of_unfelt_force(
             "`flow=vx.DiffraxFlow(stepsize_controller=...)`.",
             stacklevel=5,
         )
+
+
+@eqx.filter_jit
+def _at_all(force: Any, times: Reals, x: Reals, v: Reals) -> Array:
+    return jax.vmap(force, (0, None, None))(times, x, v)
 
 
 def _is_unmoved(solution: Any, x: Reals, v: Reals) -> bool:
