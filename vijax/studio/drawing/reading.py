@@ -32,7 +32,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         raise ValueError(
             f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
         )
-    n, (mean, waves) = system.num_masses, harmonic_load_of(system)
+    n, (mean, waves) = system.num_masses, jax.tree.map(np.asarray, harmonic_load_of(system))
     rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
     (stiffness, damping), omitted = _drawn(
