@@ -34,6 +34,10 @@ _MEANINGS = {
     "friction.force": "friction force of slip",
     "friction.static": "largest friction force of stick",
     "friction.velocity": "velocity of the surface",
+    "hysteresis.row": "coefficients of the spring of the element",
+    "hysteresis.stiffness": "stiffness of the element",
+    "hysteresis.limit": "force at which the slider slips",
+    "hysteresis.slider": "slider at the start",
     "stops.motion.amplitude": "amplitude of the motion of the stop",
     "stops.motion.phase": "phase of the motion of the stop",
     "stops.motion.mean": "mean of the motion of the stop",
@@ -87,6 +91,7 @@ _MEANINGS = {
     "x1": "position at the end",
     "v1": "velocity at the end",
     "stuck1": "whether the stop holds its mass at the end",
+    "sliders1": "sliders of the Jenkins elements at the end",
     "sticking1": "whether friction sticks at the end",
     "num_events": "number of logged events",
     "num_steps": "number of steps",
@@ -136,7 +141,7 @@ _MEANINGS = {
 }
 # Dimensions that no variable is named after.
 _DIMENSIONS = (
-    *("stop", "impact", "exponent", "friction", "row", "harmonic", "multiplier", "attractor", "point"),
+    *("stop", "impact", "exponent", "friction", "hysteresis", "row", "harmonic", "multiplier", "attractor", "point"),
     *("event", "lane", "distance", "sample", "quantity"),
 )
 _UNITS = {

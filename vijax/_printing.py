@@ -156,12 +156,19 @@ def describe_friction(element: Any) -> Description:
     return Description(f"Friction: {_rubbing(element)}{_beside(element.force, batch)}", [])
 
 
+def describe_hysteresis(element: Any) -> Description:
+    """Describe a Jenkins element on one line."""
+    batch = _batch((element.stiffness, 0), (element.limit, 0))
+    return Description(f"Jenkins: {_slider(element)}{_beside(element.stiffness, batch)}", [])
+
+
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
     """Describe a machine: its matrices, load, stops and force."""
     forcing, stops = system.forcing, system.stops
     laws = [stop.stiffness if stop.is_compliant else stop.light_restitution for stop in stops]
     walls = [(value, 0) for stop, law in zip(stops, laws, strict=True) for value in (stop.position, law)]
     walls += [(element.force, 0) for element in system.friction]
+    walls += [(element.limit, 0) for element in system.hysteresis]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
     masses = _count(system.stiffness.shape[-1] - system.num_states, "mass", "masses")
     if system.num_states:
@@ -181,11 +188,17 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
         rows.append((f"friction {k}", _rubbing(element)))
     if len(system.friction) > _STOPS:
         rows.append(("...", f"{len(system.friction) - _STOPS} more of friction"))
+    for k, element in enumerate(system.hysteresis[:_STOPS]):
+        rows.append((f"hysteresis {k}", _slider(element)))
+    if len(system.hysteresis) > _STOPS:
+        rows.append(("...", f"{len(system.hysteresis) - _STOPS} more of hysteresis"))
     if system.force is not None:
         rows.append(("force", _short(name_of_force(jax.tree.map(_as_number, system.force)))))
     count = _count(len(stops), "stop")
     if system.friction:
         count = f"{count}, with friction"
+    if system.hysteresis:
+        count = f"{count}, with hysteresis"
     return Description(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
 
 
@@ -291,6 +304,12 @@ def _rubbing(element: Any) -> str:
     static = "" if element.static is None else f", static {_numbers(element.static, 0)}"
     belt = "" if _is_zero(element.velocity) else f", surface of velocity {_numbers(element.velocity, 0)}"
     return f"of {_sum(element)}, force {_numbers(element.force, 0)}{static}{belt}"
+
+
+def _slider(element: Any) -> str:
+    start = "" if element.slider is None else f", slider at {_numbers(element.slider, 0)}"
+    stiffness, limit = _numbers(element.stiffness, 0), _numbers(element.limit, 0)
+    return f"of {_sum(element)}, stiffness {stiffness}, limit {limit}{start}"
 
 
 def _restitution(value: Any) -> str:

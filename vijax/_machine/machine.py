@@ -25,7 +25,7 @@ from .numbers import MachineNumbers
 from .rate_bounds import of_unit_mass, rate_of_motion, rate_with_closed
 from .state import State, idle_mode
 from .stops import Stops
-from .switching import COMPLIANT, SwitchingContacts
+from .switching import COMPLIANT, JENKINS, SwitchingContacts
 from .tables import Knots, Tables, prepare_tables
 
 
@@ -244,7 +244,11 @@ class Machine(eqx.Module):
         if state.mode is None or not isinstance(self.contacts, SwitchingContacts):
             return self
         machine = eqx.tree_at(lambda m: m.mean, self, self.mean + self.contacts.load_of(state.mode))
-        return machine.with_closed(state.mode.closed)
+        machine = machine.with_closed(state.mode.closed)
+        if JENKINS not in self.contacts.laws.kinds:
+            return machine
+        rows = self.contacts.sticking_rows(state.mode.direction)
+        return eqx.tree_at(lambda m: m.damping, machine, jnp.where(rows[:, None], machine.damping, 0))
 
     def with_closed(self, closed: Bool[Array, "contacts ..."]) -> "Machine":
         """Machine with the springs and dampers of closed compliant contacts."""

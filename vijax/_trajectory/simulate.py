@@ -91,7 +91,7 @@ def simulate(
     """
     warn_about_reverse_steps(max_reverse_steps)
     settings = Settings(max_events, max_steps, () if throw else None)
-    return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args)
+    return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args).of_masses
 
 
 class Settings(NamedTuple):
@@ -118,7 +118,7 @@ def simulate_with(
     flow: AbstractFlow | None = None,
     args: object = None,
 ) -> Solution:
-    """`simulate` with its options as `Settings`."""
+    """`simulate` with its options as `Settings`; positions and velocities are those of all coordinates."""
     max_steps, own = bound_of_steps(settings.max_steps), machine_of(system)
     known, given = remembered(own, args), (flow, [t0, t1, ts, x0, v0], max_steps)
     if is_traced(given if known else (own, args, given)):
@@ -133,8 +133,10 @@ def simulate_with(
     times = end[None] if ts is None else convert(ts, "ts")
     x, v = (convert(zeros if a is None else a, name) for name, a in (("x0", x0), ("v0", v0)))
     for name, value in (("x0", x), ("v0", v)):
-        if value.shape != zeros.shape:
+        if value.shape != zeros.shape and value.shape != (own.num_coordinates,):
             raise ValueError(f"Argument `{name}` must have shape {zeros.shape}, but has shape {value.shape}.")
+    if own.hysteresis:
+        x, v = own.start_of(x, v)
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
     if known and ts is None and known.admits(begin, end, x, v):
