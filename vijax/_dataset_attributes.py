@@ -74,6 +74,7 @@ _MEANINGS = {
     "num_impacts": "number of impacts in the recorded periods",
     "num_sticks": "number of sticks in the recorded periods",
     "num_friction_sticks": "number of times that friction came to rest in the recorded periods",
+    "num_slider_sticks": "number of times that the slider came to rest in the recorded periods",
     "sticking": "whether friction sticks at the end",
     "sticking_time": "for how long friction sticks in the period",
     "x": "position",

@@ -343,7 +343,7 @@ def _band(system: AnySystem, path: str, bounds: tuple[float, float]) -> tuple[fl
     """Lowest and highest frequency of the load between bounds of a parameter that moves it."""
     if not isinstance(system, FamilyOfUser):
         return bounds
-    zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
+    zero = np.zeros(system.num_coordinates, np.asarray(system.mass).dtype)
     lanes = with_values(LaneInput(system, zero, zero), {path: np.linspace(*bounds, _TRIED)})
     frequency = np.asarray(machine_of(lanes.system).forcing.frequency)
     return float(frequency.min()), float(frequency.max())

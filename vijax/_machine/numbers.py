@@ -84,6 +84,11 @@ class MachineNumbers(eqx.Module):
         return len(self.rows) if self.laws is None else self.laws.num_stops
 
     @property
+    def num_sliders(self) -> int:
+        """Number of Jenkins elements."""
+        return 0 if self.laws is None else self.laws.num_sliders
+
+    @property
     def has_arithmetic_force(self) -> bool:
         """True where the force, if there is one, is arithmetic alone, see `is_arithmetic`."""
         if self.force is None:

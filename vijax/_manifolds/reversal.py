@@ -111,7 +111,7 @@ class StateMap(NamedTuple):
         own = machine_of(orbit.system)
         system = own if sign > 0 else reversed_machine(own)
         rate = np.asarray(system.forcing.frequency)
-        scale = np.repeat(np.array([float(rate), 1.0]), system.num_masses)
+        scale = np.repeat(np.array([float(rate), 1.0]), system.num_coordinates)
         return cls(system, sign, sign * orbit.phase, scale, orbit.flow, orbit.args)
 
     def __call__(self, z: np.ndarray, num_periods: int) -> np.ndarray:

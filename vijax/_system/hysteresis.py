@@ -129,11 +129,12 @@ def with_stretches(
     elements: tuple[Jenkins, ...], num_masses: int, x: Reals, v: Reals
 ) -> tuple[Reals, Reals]:
     """Start of all coordinates from that of the masses; one of all coordinates is as it is. Lanes may be last."""
-    if not elements or len(x) != num_masses or len(v) != num_masses:
+    if not elements or (len(x) != num_masses and len(v) != num_masses):
         return x, v
-    stretches = stack([element.stretch_at(x) + 0 * v[0] for element in elements])
-    library = array_namespace(x, v, stretches)
-    return library.concatenate([x, 0 * stretches]), library.concatenate([v, stretches])
+    stretches = stack([element.stretch_at(x) for element in elements])
+    if len(x) == num_masses:
+        x = _joined([x, 0 * stretches], 0, 1)
+    return x, v if len(v) != num_masses else _joined([v, stretches], 0, 1)
 
 
 def coupled(

@@ -94,6 +94,24 @@ def simulate(
     return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args).of_masses
 
 
+def simulate_all(
+    system: AnySystem,
+    t0: ArrayLike,
+    t1: ArrayLike,
+    x0: Numbers,
+    v0: Numbers,
+    *,
+    ts: Numbers | None = None,
+    flow: AbstractFlow | None = None,
+    args: object = None,
+    max_events: Count | None = None,
+    throw: bool = True,
+) -> Solution:
+    """`simulate` with positions and velocities of all coordinates, those of Jenkins elements last."""
+    settings = Settings(max_events, None, () if throw else None)
+    return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args)
+
+
 class Settings(NamedTuple):
     """Settings of a trajectory, see `simulate`.
 

@@ -21,6 +21,7 @@ from ._friction import (
     friction_oscillator as friction_oscillator,
     soft_impact_oscillator as soft_impact_oscillator,
 )
+from ._hysteresis import iwan as iwan
 from ._gears import gear_pair as gear_pair
 from ._nonlinear import (
     CubicSpring as CubicSpring,

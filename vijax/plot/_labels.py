@@ -28,6 +28,9 @@ _QUANTITIES = {
     "stops.motion.amplitude": ("Travel of the stop", "A", LENGTH),
     "stops.motion.phase": ("Phase of the stop", r"\varphi", ANGLE),
     "stops.motion.mean": ("Stop position", "s", LENGTH),
+    "hysteresis.stiffness": ("Stiffness", "k", "{force}/{length}"),
+    "hysteresis.limit": ("Force limit", "F", "{force}"),
+    "hysteresis.slider": ("Slider at the start", "z", LENGTH),
     "x0": ("Start position", "x", LENGTH),
     "v0": ("Start velocity", r"\dot x", VELOCITY),
 }
