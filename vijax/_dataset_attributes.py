@@ -142,7 +142,18 @@ _MEANINGS = {
 }
 # Dimensions that no variable is named after.
 _DIMENSIONS = (
-    *("stop", "impact", "exponent", "friction", "hysteresis", "row", "harmonic", "multiplier", "attractor", "point"),
+    *(
+        "stop",
+        "impact",
+        "exponent",
+        "friction",
+        "hysteresis",
+        "row",
+        "harmonic",
+        "multiplier",
+        "attractor",
+        "point",
+    ),
     *("event", "lane", "distance", "sample", "quantity"),
 )
 _UNITS = {

@@ -184,21 +184,13 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
         rows.append((f"{name} {j}", f"{whose}{_wall(stop)}"))
     if len(stops) > _STOPS:
         rows.append(("...", _count(len(stops) - _STOPS, "more stop")))
-    for k, element in enumerate(system.friction[:_STOPS]):
-        rows.append((f"friction {k}", _rubbing(element)))
-    if len(system.friction) > _STOPS:
-        rows.append(("...", f"{len(system.friction) - _STOPS} more of friction"))
-    for k, element in enumerate(system.hysteresis[:_STOPS]):
-        rows.append((f"hysteresis {k}", _slider(element)))
-    if len(system.hysteresis) > _STOPS:
-        rows.append(("...", f"{len(system.hysteresis) - _STOPS} more of hysteresis"))
+    rows += _rows_of("friction", system.friction, _rubbing) + _rows_of(
+        "hysteresis", system.hysteresis, _slider
+    )
     if system.force is not None:
         rows.append(("force", _short(name_of_force(jax.tree.map(_as_number, system.force)))))
     count = _count(len(stops), "stop")
-    if system.friction:
-        count = f"{count}, with friction"
-    if system.hysteresis:
-        count = f"{count}, with hysteresis"
+    count += "".join(f", with {name}" for name in ("friction", "hysteresis") if getattr(system, name))
     return Description(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
 
 
@@ -298,6 +290,13 @@ def _compliance(stop: Any) -> str:
         if not _is_zero(getattr(stop, name))
     )
     return ", ".join([f"stiffness {_numbers(stop.stiffness, 0)}", *others])
+
+
+def _rows_of(name: str, elements: Sequence[Any], tell: Callable[[Any], str]) -> list[tuple[str, ...]]:
+    """Rows of a machine about its elements of one kind."""
+    rows = [(f"{name} {k}", tell(element)) for k, element in enumerate(elements[:_STOPS])]
+    more = len(elements) - _STOPS
+    return [*rows, ("...", f"{more} more of {name}")] if more > 0 else rows
 
 
 def _rubbing(element: Any) -> str:

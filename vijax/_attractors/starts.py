@@ -153,7 +153,9 @@ def is_beyond(system: ImpactSystem, states: np.ndarray, *, rigid: bool = False) 
 
 def slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
     """Positions of the stops of each mass at phase 0, infinite where there are none, (n,) each; 0 of Jenkins elements."""
-    ends = {side: np.full(system.num_coordinates, far) for side, far in (("lower", -np.inf), ("upper", np.inf))}
+    ends = {
+        side: np.full(system.num_coordinates, far) for side, far in (("lower", -np.inf), ("upper", np.inf))
+    }
     for stop in system.stops:
         if stop.slot is not None:
             mass, side = stop.slot

@@ -13,7 +13,7 @@ from .._machine.numbers import numbers_of
 from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
-from .._orbits.sequence import NOTHING, Sequence, kinds_of, is_same_sequence, sequence_of
+from .._orbits.sequence import NOTHING, Sequence, is_same_sequence, kinds_of, sequence_of
 from .._system.waves import phase_at
 from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log

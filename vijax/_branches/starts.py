@@ -356,7 +356,8 @@ def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint |
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many
         machine = start.system
-        size = start.num_events, len(machine.stops) + len(machine.friction), machine.is_switching
+        elements = (*machine.stops, *machine.friction, *machine.hysteresis)
+        size = start.num_events, len(elements), machine.is_switching
         if size not in rooms:
             empty = empty_sequence(*size[:2], is_switching=machine.is_switching)
             rooms[size] = jax.tree.map(np.asarray, empty)

@@ -200,7 +200,11 @@ def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
     if k == 0 or stop != sequence.stop[k - 1]:
         return Kind.DOUBLE_IMPACT
     before, between, after = (sequence.mode[i, stop] for i in (k - 1, k, k + 1))
-    if SPRING in (before, between, after):  # a slip of no duration of a Jenkins element, or a stick between two
+    if SPRING in (
+        before,
+        between,
+        after,
+    ):  # a slip of no duration of a Jenkins element, or a stick between two
         return Kind.GRAZING_SLIDING
     if between == STICKING:  # a stick of no duration
         return Kind.GRAZING_SLIDING if before == after else Kind.CROSSING_SLIDING

@@ -28,7 +28,13 @@ def switching_modal_flow(
     """Tabulate the modes of all sets, or return None; arguments as `modal_flow` takes them."""
     known = [concrete(a) for a in (system.mass, system.damping, system.stiffness)]
     matrices, elements = [a for a in known if a is not None], _elements(system)
-    if is_by_tables(system) or system.hysteresis or elements is None or len(matrices) < len(known) or system.has_full_mass:
+    if (
+        is_by_tables(system)
+        or system.hysteresis
+        or elements is None
+        or len(matrices) < len(known)
+        or system.has_full_mass
+    ):
         return None
     with concrete_evaluation():
         has_lanes = matrices[0].ndim == 2

@@ -44,9 +44,7 @@ def _room_derivatives(side: int, machine: Machine, state: State, hold: Held, now
     return [_room(side, machine, state), *(-side * a for a in approaches(machine, state, now))]
 
 
-def _room_series(
-    side: int, machine: Machine, state: State, hold: Held, series: tuple[Array, ...]
-) -> Series:
+def _room_series(side: int, machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
     del hold
     x, _, _ = series
     return behind(_room(side, machine, state), scaled(-side, each_order(machine.contacts.along, x[1:])))

@@ -40,7 +40,8 @@ def first_state(
     compliant, friction = contacts.are(COMPLIANT), contacts.are(FRICTION)
     position, speed_size = contacts.rounded(t0)
     gaps = contacts.gaps(x, phase)
-    touching = ~contacts.has_no_gap & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
+    has_no_gap = friction if JENKINS not in contacts.laws.kinds else contacts.has_no_gap
+    touching = ~has_no_gap & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
     x = with_derivative_of(contacts.with_closed_gaps(x, touching, phase), x)
     speeds = contacts.speeds(v, machine.phase_rate(phase))
     size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)

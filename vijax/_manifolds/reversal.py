@@ -50,6 +50,8 @@ def no_inverse(system: AnySystem) -> str:
         return "its load is not a single `vx.Harmonic`, of which alone the reversed one is known"
     if system.friction:
         return "friction brings many motions to rest alike"
+    if system.hysteresis:
+        return "Jenkins elements that slip forget where they began"
     for j, stop in enumerate(system.stops):
         law = stop.restitution if isinstance(stop, AbstractRigidLimit) else 1.0
         if isinstance(law, AbstractRestitution):

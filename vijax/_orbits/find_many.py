@@ -110,9 +110,7 @@ def given_states(
     parts = [as_numpy_float(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
     num_masses = system.num_masses
     sizes = [2 * n // len(parts) for n in (num_masses, system.num_coordinates)]
-    if not 1 <= len(parts) <= 2 or any(
-        a.ndim != 2 or a.shape[1] not in sizes or not len(a) for a in parts
-    ):
+    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] not in sizes or not len(a) for a in parts):
         raise ValueError(
             f"Argument `starts` must be positions and velocities, (starts, {num_masses}) each, or both side by side, "
             f"(starts, {2 * num_masses}), {or_else}but has the shapes {[a.shape for a in parts]}."

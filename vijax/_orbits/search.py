@@ -36,8 +36,8 @@ from .sequence import (
     Sequence,
     effective,
     empty_sequence,
-    kinds_of,
     is_same_sequence,
+    kinds_of,
     sequence_of,
 )
 

@@ -125,9 +125,7 @@ class Jenkins(eqx.Module):
         return library.clip(along - self.slider, -self.reach, self.reach)
 
 
-def with_stretches(
-    elements: tuple[Jenkins, ...], num_masses: int, x: Reals, v: Reals
-) -> tuple[Reals, Reals]:
+def with_stretches(elements: tuple[Jenkins, ...], num_masses: int, x: Reals, v: Reals) -> tuple[Reals, Reals]:
     """Start of all coordinates from that of the masses; one of all coordinates is as it is. Lanes may be last."""
     if not elements or (len(x) != num_masses and len(v) != num_masses):
         return x, v

@@ -21,8 +21,8 @@ from ._friction import (
     friction_oscillator as friction_oscillator,
     soft_impact_oscillator as soft_impact_oscillator,
 )
-from ._hysteresis import iwan as iwan
 from ._gears import gear_pair as gear_pair
+from ._hysteresis import iwan as iwan
 from ._nonlinear import (
     CubicSpring as CubicSpring,
     PendulumWeight as PendulumWeight,

@@ -113,7 +113,8 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         is_damped = np.asarray(laws.damping)[:num_stops] > 0
         words = tuple(f"$k$ = {added[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
         friction = tuple(
-            Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num - sol.num_sliders)
+            Rubbing(rows[j], float(force[j]), float(velocity[j]))
+            for j in range(num_stops, contacts.num - sol.num_sliders)
         )
     tables = machine.tables
     return Scheme(
