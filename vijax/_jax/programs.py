@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from .announcing import Work, announce
 from .concrete import is_tracer
 from .memory_maps import make_room, note_holder, note_program
 from .program_store import ProgramStore, StoredProgram, key_of, program_store
@@ -98,6 +99,8 @@ class Programs:
         store = None if is_traced or any(_UNUSUAL(jax.config)) else program_store()
         if store is None:
             make_room()
+            if static not in self._results and not is_traced:
+                announce(Work.COMPILES_NOW)
             found = self._plain(static, *parts)
             return self._results[static].joined(found)
         kept, donated = (tuple([(a.shape, a.dtype) for a in part]) for part in parts)
@@ -141,26 +144,37 @@ class Programs:
         """Load a program, or compile and store it."""
         make_room()
         name = None if self._name is None else key_of(self._name, self._options(), *key)
-        found = _load(store, name) or self._compile(key, store, name)
+        found = self._named(key, store, name) if name is not None else self._by_text(key, store)
         self._made[key] = found.run, found.results
         return self._made[key]
 
-    def _compile(self, key: _Key, store: ProgramStore, name: str | None) -> StoredProgram:
-        """Compile a program and store it; one without a name is loaded if its text is found."""
+    def _named(self, key: _Key, store: ProgramStore, name: str) -> StoredProgram:
+        """Load a program by its name, or trace, compile and store it."""
+
+        def make() -> StoredProgram:
+            announce(Work.COMPILES)
+            lowered, results = self._lowered(key)
+            run = _compiled(lowered, store, name, results)
+            return StoredProgram(run, results)
+
+        return _loaded_or_made(store, name, make)
+
+    def _by_text(self, key: _Key, store: ProgramStore) -> StoredProgram:
+        """Trace a program, and load it by its text or compile and store it."""
+        announce(Work.TRACES)
+        lowered, results = self._lowered(key)
+        name = key_of(*_text_of(lowered), self._options(), key.kept, key.donated)
+        if name is None:
+            return StoredProgram(lowered.compile(), results)
+        # Programs of one text may differ in what are no arrays: their results are not stored.
+        make = lambda: StoredProgram(_compiled(lowered, store, name, None), results)  # noqa: E731
+        return _loaded_or_made(store, name, make)._replace(results=results)
+
+    def _lowered(self, key: _Key) -> tuple[Any, _Static]:
+        """A program that is traced and lowered, and the tree of its results."""
         parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
         lowered = self._plain.lower(key.static, *parts)
-        results = stored = self._results[key.static]
-        if name is None:
-            name = key_of(*_text_of(lowered), self._options(), key.kept, key.donated)
-            stored = None  # programs of one text may differ in what are no arrays
-            if found := _load(store, name):
-                return found._replace(results=results)
-        hits = _hits.count
-        run = lowered.compile()
-        # A program that JAX itself loaded from disk cannot be written again.
-        if name is not None and _hits.count == hits:
-            store.save(name, run, stored)
-        return StoredProgram(run, results)
+        return lowered, self._results[key.static]
 
     @cached_property
     def _plain(self) -> Any:
@@ -198,11 +212,29 @@ def _text_of(lowered: Any) -> tuple[str, list[int]]:
     )  # JAX tells it nowhere else
 
 
-def _load(store: ProgramStore, name: str | None) -> StoredProgram | None:
-    found = None if name is None else store.load(name)
+def _loaded_or_made(store: ProgramStore, name: str, make: Callable[[], StoredProgram]) -> StoredProgram:
+    """A program of the store; made, if nobody has made it, by one process or thread while the others wait."""
+    if found := _load(store, name):
+        return found
+    with store.maker(name, lambda: announce(Work.WAITS)):
+        return _load(store, name) or make()
+
+
+def _load(store: ProgramStore, name: str) -> StoredProgram | None:
+    found = store.load(name)
     if found is not None:
         note_program()
     return found
+
+
+def _compiled(lowered: Any, store: ProgramStore, name: str, results: Any) -> Callable:
+    """A program, compiled and stored."""
+    hits = _hits.count
+    run = lowered.compile()
+    # A program that JAX itself loaded from disk cannot be written again.
+    if _hits.count == hits:
+        store.save(name, run, results)
+    return run
 
 
 class _Hits(threading.local):
