@@ -34,7 +34,7 @@ system = vx.models.impact_oscillator(0.7, restitution=0.6)
 print(len(saved))
 """
 CALLED = {
-    "simulate": "vx.simulate(system, 0.0, 40.0, [0.1], [0.2])",
+    "simulate": "vx.simulate(system, 0.0, 40.0, [-0.1], [0.2])",
     "sweep": 'vx.sweep(system, {"forcing.frequency": np.linspace(0.7, 0.8, 50)}, transient=5, progress=False)',
     "periodic_orbit": "vx.periodic_orbit(system, np.zeros(1), np.zeros(1), throw=False)",
     "lyapunov_exponents": "vx.lyapunov_exponents(system, transient=3, num_periods=5, throw=False, progress=False)",

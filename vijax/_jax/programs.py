@@ -90,6 +90,7 @@ class Programs:
         self._name = _name_of(function) if name is None else name
         self._results: dict[_Static, _Static] = {}
         self._made: dict[_Key, tuple[Callable, _Static]] = {}
+        self.num_drops = 0
         note_holder(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -98,15 +99,13 @@ class Programs:
         is_traced = any([is_tracer(a) for part in parts for a in part])
         store = None if is_traced or any(_UNUSUAL(jax.config)) else program_store()
         if store is None:
-            make_room()
-            if static not in self._results and not is_traced:
-                announce(Work.COMPILES_NOW)
-            found = self._plain(static, *parts)
-            return self._results[static].joined(found)
-        kept, donated = (tuple([(a.shape, a.dtype) for a in part]) for part in parts)
-        key = _Key(static, kept, donated, _SETTINGS(jax.config))
-        run, results = self._made.get(key) or self._make(key, store)
+            return self._run_plainly(static, parts, is_traced=is_traced)
+        run, results = self._found(_key(static, parts), store)
         return results.joined(run(*parts))
+
+    def prepared(self, *args: Any) -> "PreparedCall":
+        """The function of the arrays in these arguments, in the order of their leaves, for any others of their kinds."""
+        return PreparedCall(self, *self._parts(args, {}))
 
     def compiled(self, *args: Any, **kwargs: Any) -> Any:
         """The program for these arguments, compiled anew, for tests and benchmarks."""
@@ -115,6 +114,7 @@ class Programs:
     def drop(self) -> None:
         """Drop the programs of this process."""
         self._made.clear()
+        self.num_drops += 1
 
     def count(self) -> int:
         """Number of programs of this process."""
@@ -139,6 +139,17 @@ class Programs:
         arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
         others = [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
         return arrays, _Static(structure, tuple(others) if len(arrays) < len(leaves) else ())
+
+    def _run_plainly(self, static: _Static, parts: list[list], *, is_traced: bool = False) -> Any:
+        """Call without the store."""
+        make_room()
+        if static not in self._results and not is_traced:
+            announce(Work.COMPILES_NOW)
+        found = self._plain(static, *parts)
+        return self._results[static].joined(found)
+
+    def _found(self, key: _Key, store: ProgramStore) -> tuple[Callable, _Static]:
+        return self._made.get(key) or self._make(key, store)
 
     def _make(self, key: _Key, store: ProgramStore) -> tuple[Callable, _Static]:
         """Load a program, or compile and store it."""
@@ -189,6 +200,41 @@ class Programs:
         args, kwargs = static.joined([*given, *donated])
         arrays, self._results[static] = self._split(self._function(*args, **kwargs))
         return arrays
+
+
+class PreparedCall:
+    """Calls of a program with concrete arrays of one kind, all else of whose arguments was looked at once.
+
+    Args:
+        programs: the programs.
+        static: static part of the arguments.
+        kept: arrays of the arguments.
+        donated: arrays that are used up.
+    """
+
+    def __init__(self, programs: Programs, static: _Static, kept: list, donated: list):
+        self._programs, self._static, self._num = programs, static, len(kept)
+        self._kinds = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in (*kept, *donated)]
+        self._last: tuple | None = None
+
+    def __call__(self, arrays: list) -> Any:
+        """Result for these arrays, which nothing traces."""
+        parts = [arrays[: self._num], arrays[self._num :]]
+        store = None if any(_UNUSUAL(jax.config)) else program_store()
+        if store is None:
+            return self._programs._run_plainly(self._static, parts)
+        state = _SETTINGS(jax.config), self._programs.num_drops, store
+        if self._last is None or self._last[0] != state:
+            kinds = [self._kinds[: self._num], self._kinds[self._num :]]
+            self._last = state, *self._programs._found(_key(self._static, kinds), store)
+        _, run, results = self._last
+        return results.joined(run(*parts))
+
+
+def _key(static: _Static, parts: list[list]) -> _Key:
+    """Key of arguments by their arrays, or by what has their shapes and types."""
+    kept, donated = (tuple([(a.shape, a.dtype) for a in part]) for part in parts)
+    return _Key(static, kept, donated, _SETTINGS(jax.config))
 
 
 # Whether values of a type are arrays, cached as in `concrete.py`.

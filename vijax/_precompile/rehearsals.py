@@ -37,6 +37,8 @@ _PATHS = (
 # Factors of the first parameter at which an orbit is looked for: another machine of the kind has the same programs.
 _FACTORS = 1.0, 0.9, 1.1, 0.8, 1.25, 0.65
 _CURVES = "fold", "pd", "ns", "gr"
+# Difference between two starts.
+_SMALL = 1e-6
 # Most stops onto which a start is moved, one after the other.
 _ROUNDS = 200
 
@@ -64,12 +66,14 @@ class Rehearsal:
     def sweep(self) -> None:
         """Two points."""
         x, v = _start(self.system)
-        sweep(self.system, {"x0[0]": _near(x[0])}, transient=1, record=1, x0=x, v0=v, progress=False)
+        sweep(self.system, {"v0[0]": [0.0, _SMALL]}, transient=1, record=1, x0=x, v0=v, progress=False)
 
     def basins(self) -> None:
         """Four starts."""
         x, v = _start(self.system)
-        grid = {"x0[0]": _near(x[0]), "v0[0]": _near(0.0)}
+        moved = x + _SMALL * np.eye(len(x))[0]
+        away = -_SMALL if _smallest_gap(machine_of(self.system), moved)[0] < 0 else _SMALL
+        grid = {"x0[0]": [x[0], x[0] + away], "v0[0]": [0.0, _SMALL]}
         basins(self.system, grid, transient=10, x0=x, v0=v, progress=False)
 
     def lyapunov_exponents(self) -> None:
@@ -150,10 +154,6 @@ def _paths(system: AnySystem) -> list[str]:
 def _bounds(system: AnySystem, path: str) -> tuple[float, float]:
     value = float(get_parameter(system, path))
     return value - _WIDTH * abs(value), value + _WIDTH * abs(value)
-
-
-def _near(value: float) -> np.ndarray:
-    return value + np.array([0.0, 1e-6])
 
 
 def _period(system: AnySystem) -> float:
