@@ -1,14 +1,14 @@
 """Programs made ahead of time, in a process of its own."""
 
 from collections.abc import Sequence
-from typing import Literal, get_args
 
 from .._jax.program_store import ProgramStore, program_store
 from .._system.system import AnySystem
 from .process import Precompilation
 from .shipment import packed_shipment
 
-Call = Literal[
+# Calls for which programs can be made, by the names of the functions.
+CALLS = (
     "simulate",
     "sweep",
     "periodic_orbit",
@@ -16,11 +16,10 @@ Call = Literal[
     "bifurcation_curve",
     "basins",
     "lyapunov_exponents",
-]
-CALLS: tuple[str, ...] = get_args(Call)
+)
 
 
-def precompile(machine: AnySystem, calls: Sequence[Call] | Call, wait: bool = False) -> Precompilation:
+def precompile(machine: AnySystem, calls: Sequence[str] | str, wait: bool = False) -> Precompilation:
     """Compile ahead of time what calls will need for this kind of machine, in a process of its own.
 
     The first call of each kind compiles for seconds, a first branch for half a minute. Begun in the first cell of a
@@ -33,7 +32,8 @@ def precompile(machine: AnySystem, calls: Sequence[Call] | Call, wait: bool = Fa
     Args:
         machine: the machine, or a `vx.Family`. The function of a family, and a `force`, must stand in a module that
             another process can import.
-        calls: names of the calls, with the options that are most usual.
+        calls: their names, some of "simulate", "sweep", "periodic_orbit", "continuation", "bifurcation_curve", "basins" and
+            "lyapunov_exponents"; programs are made for their usual options.
         wait: return when all is done.
 
     Returns:

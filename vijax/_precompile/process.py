@@ -7,6 +7,7 @@ import sys
 import tempfile
 import warnings
 from threading import Thread
+from typing import Any
 
 from .._jax.users_line import users_line
 
@@ -85,6 +86,7 @@ def _read(output: bytes, code: int | None) -> dict[str, str]:
     Raises:
         RuntimeError: if the process did not come to its end.
     """
+    report: dict[str, Any]
     try:
         report = json.loads(output.splitlines()[-1])
     except (ValueError, IndexError):
