@@ -4,7 +4,6 @@ import re
 import subprocess
 import sys
 
-import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -251,21 +250,18 @@ def test_a_stop_is_refused_where_a_picture_is_of_all_stops(machine, dataset, cap
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("no_other_cache")
 def test_precompile_makes_programs_and_tells_what_it_cannot(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(program_store, "_active", program_store._Active())
     program_store.store_programs(tmp_path / "programs")
-    jax.config.update("jax_enable_compilation_cache", False)
-    try:
-        vx.save(vx.models.impact_oscillator(0.8), "machine.toml")
-        assert main(["precompile", "machine.toml", "simulate"]) == 0
-        assert capsys.readouterr().out == "simulate: done\n"
-        assert len(list((tmp_path / "programs").glob("*.program"))) == 1
-        assert main(["precompile", "machine.toml", "simulations"]) == 2
-        assert "has 'simulations'" in capsys.readouterr().err
-        undriven = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [vx.Stop(0, 1.0, "upper", 0.7)])
-        vx.save(undriven, "undriven.toml")
-        assert main(["precompile", "undriven.toml", "simulate", "lyapunov_exponents"]) == 2
-        assert re.search("simulate: done\nlyapunov_exponents: .*frequency", capsys.readouterr().out)
-    finally:
-        jax.config.update("jax_enable_compilation_cache", True)
+    vx.save(vx.models.impact_oscillator(0.8), "machine.toml")
+    assert main(["precompile", "machine.toml", "simulate"]) == 0
+    assert capsys.readouterr().out == "simulate: done\n"
+    assert len(list((tmp_path / "programs").glob("*.program"))) == 1
+    assert main(["precompile", "machine.toml", "simulations"]) == 2
+    assert "has 'simulations'" in capsys.readouterr().err
+    undriven = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [vx.Stop(0, 1.0, "upper", 0.7)])
+    vx.save(undriven, "undriven.toml")
+    assert main(["precompile", "undriven.toml", "simulate", "lyapunov_exponents"]) == 2
+    assert re.search("simulate: done\nlyapunov_exponents: .*frequency", capsys.readouterr().out)
