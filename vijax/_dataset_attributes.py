@@ -67,6 +67,7 @@ _MEANINGS = {
     "impact_rate": "recorded impacts per unit of time",
     "impulse": "sum of the impulses of the impacts in the period",
     "dissipated_energy": "energy that the impacts in the period dissipate",
+    "hysteresis_energy": "energy that the Jenkins element dissipates, a forcing period in the mean",
     "mean_velocity": "mean velocity from the end of the first recorded period to that of the last",
     "held_time": "for how long the stop holds its mass in the period",
     "forcing_period": "period of the load",

@@ -20,7 +20,10 @@ def _mass_on(element: vx.Jenkins, stiffness: float = 1.0, load: vx.Harmonic = _N
 def _log(sol: vx.Solution) -> list[tuple[float, int, int]]:
     n = int(sol.num_events)
     return list(
-        zip(*(np.asarray(a)[:n].tolist() for a in (sol.events.t, sol.events.stop, sol.events.kind)), strict=True)
+        zip(
+            *(np.asarray(a)[:n].tolist() for a in (sol.events.t, sol.events.stop, sol.events.kind)),
+            strict=True,
+        )
     )
 
 

@@ -38,7 +38,11 @@ EXTREMES = {
     "min_velocity": ("velocity", -1),
     "max_force": ("force", 1),
 }
-SQUARES = {"square_position": "position", "square_velocity": "velocity"}
+SQUARES = {
+    "square_position": "position",
+    "square_velocity": "velocity",
+    "hysteresis_energy": "root_slip_power",
+}
 # Nodes of a step: squares, of at most 6 rad, are integrated to rounding.
 _NODES = 12
 # Newton steps: the cubic places an extreme to 1e-3 of a step, and its value has no error of first order.
@@ -47,12 +51,12 @@ _REFINEMENTS = 2
 Observed = dict[str, Array]
 
 
-def nothing_observed(names: Sequence[str], like: State, num_stops: int) -> Observed:
+def nothing_observed(names: Sequence[str], like: State, num_stops: int, num_sliders: int) -> Observed:
     """Observations before the first step, for a state whose arrays are as those of `like`."""
     n, lanes = len(like.x), like.x.shape[1:]
 
     def of(name: str) -> Array:
-        size = num_stops if name == "max_force" else n
+        size = {"max_force": num_stops, "hysteresis_energy": num_sliders}.get(name, n)
         # A stop without a load has the force 0; all else has no extreme yet.
         least = 0.0 if name in SQUARES or name == "max_force" else -EXTREMES[name][1] * np.inf
         return jnp.full((size, *lanes), least, like.x.dtype)
@@ -132,7 +136,8 @@ def _of_step(
         own, rows = rows[:size], rows[size:]
         found[name] = EXTREMES[name][1] * stack(own) if own else jnp.zeros((0, *length.shape), length.dtype)
     for name in squares:
-        own, sums = sums[: machine.num_masses], sums[machine.num_masses :]
+        size = machine.contacts.num_sliders if name == "hysteresis_energy" else machine.num_masses
+        own, sums = sums[:size], sums[size:]
         found[name] = stack(own)
     return found
 
@@ -231,7 +236,13 @@ def _signals(machine: Machine, state: State, hold: Held) -> dict[str, Array]:
     pressing = contacts.contact_force(machine.total_force(state), hold, state.phase)
     free = jnp.zeros_like(pressing) if state.mode is None else contacts.forces_of(state)
     force = jnp.where(state.held, pressing, free)[: contacts.num_stops]
-    return {"position": x, "velocity": v, "force": force}
+    found = {"position": x, "velocity": v, "force": force}
+    if contacts.num_sliders:
+        # The loss while a slider slips; a root, as it is summed as a square.
+        slips = state.mode.direction != 0
+        power = jnp.where(slips, free * contacts.along(state.v), 0)[-contacts.num_sliders :]
+        found["root_slip_power"] = jnp.sqrt(jnp.maximum(power, 0))
+    return found
 
 
 def _lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
