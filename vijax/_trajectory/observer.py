@@ -237,7 +237,7 @@ def _signals(machine: Machine, state: State, hold: Held) -> dict[str, Array]:
     free = jnp.zeros_like(pressing) if state.mode is None else contacts.forces_of(state)
     force = jnp.where(state.held, pressing, free)[: contacts.num_stops]
     found = {"position": x, "velocity": v, "force": force}
-    if contacts.num_sliders:
+    if contacts.num_sliders and state.mode is not None:
         # The loss while a slider slips; a root, as it is summed as a square.
         slips = state.mode.direction != 0
         power = jnp.where(slips, free * contacts.along(state.v), 0)[-contacts.num_sliders :]
