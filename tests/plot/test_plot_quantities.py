@@ -13,6 +13,7 @@ import xarray as xr
 from drawings import PATH, branch_of, words_of_legend
 
 import vijax as vx
+from vijax.plot._labels import axis_label
 
 VALUES = [0.7, 0.8]
 
@@ -118,3 +119,20 @@ def test_an_empty_diagram_is_explained():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         vx.plot.bifurcation(ds, ordinate="section_position")
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("friction[0].force", "Friction force of element 0 (N)"),
+        ("friction[*].force", "Friction force of elements (N)"),
+        ("stops[1].stiffness", "Stiffness of stop 1 (N/m)"),
+        ("stops[0].position", "Clearance of contact 0 $s_{0}$ (m)"),
+        ("stops[1].position", "Stop position $s_{1}$ (m)"),
+        ("stops[*].position", "Stop position $s$ (m)"),
+        ("stops[1].restitution", "Restitution $r_{1}$"),
+    ],
+)
+def test_axes_name_swept_quantities_in_words(path, words):
+    ds = xr.Dataset(coords={"stop_mass": ("stop", [-1, 0])})
+    assert axis_label(path, {"length": "m", "force": "N", "time": "s"}, ds) == words

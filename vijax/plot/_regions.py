@@ -11,9 +11,10 @@ from matplotlib.patheffects import withStroke
 from scipy import ndimage
 
 from .._sweep.short_names import with_paths
-from ._axes import create_axes, figure_of, legend_beside
+from ._axes import create_axes, figure_of
 from ._colors import is_dark, lightness_of
 from ._labels import Units
+from ._legend import add_legend
 from ._mesh import draw_mesh, hatch
 from ._motions import HATCHES, Entry, check_motions, legend_entries, legend_title, motions_of
 
@@ -29,6 +30,7 @@ def regions(
     *,
     max_classes: int = 6,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -47,6 +49,7 @@ def regions(
         max_classes: number of motions, the most frequent ones, with a colour of their own beside those without impacts,
             the non-periodic and those not settled; the rest is "other".
         units: units of swept quantities, as in `{"force": "N", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into; new axes if omitted.
         **style: properties of the plane for matplotlib's `pcolormesh`: `alpha`, `rasterized`, ...
 
@@ -79,7 +82,7 @@ def regions(
         if entry.words in HATCHES:
             hatch(ax, mesh, code == number, HATCHES[entry.words])
     _name(ax, classes, code, drawn)
-    legend_beside(ax, **_legend(drawn), title=legend_title(classes))
+    add_legend(ax, is_shown=legend, is_covered=True, title=legend_title(classes), **_legend(drawn))
     return ax
 
 
