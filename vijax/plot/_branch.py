@@ -349,19 +349,31 @@ def _draw_curves(curves: list[_Curves], names: list[str], ax: Axes, style: dict[
 
 def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
     """Draw the markers of the bifurcations on all lines."""
+    found = _places_of_marks(curves)
+    size = 6.0 if sum(map(len, found.values())) <= _MANY_MARKS else 3.0
+    for kind, places in found.items():
+        marker = MARKERS.get(kind, OTHER)
+        draw_special(ax, np.array(places), kind, marker=marker, markersize=size, markeredgewidth=size / 6)
+
+
+def _places_of_marks(curves: list[_Curves]) -> dict[str, list[tuple[float, float]]]:
+    """Places of the bifurcations on all lines, by kind."""
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in MARKERS}
     for one in curves:
         for numbers, velocities in one.lines:
             for value, velocity, kind in zip(
                 one.values[numbers], velocities, one.kinds[numbers], strict=True
             ):
-                if kind:
+                if kind and np.isfinite(velocity):
                     found.setdefault(str(kind), []).append((float(value), float(velocity)))
-    size = 6.0 if sum(map(len, found.values())) <= _MANY_MARKS else 3.0
-    for kind, places in found.items():
-        if places:
-            marker = MARKERS.get(kind, OTHER)
-            draw_special(ax, np.array(places), kind, marker=marker, markersize=size, markeredgewidth=size / 6)
+    return {kind: places for kind, places in found.items() if places}
+
+
+def marks_of_branch(branch: Branch, number: int, ordinate: str) -> dict[str, list[tuple[float, float]]]:
+    """Parameters and ordinates of the bifurcations of a branch, by kind."""
+    return _places_of_marks(
+        [_curves(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))]
+    )
 
 
 def draw_special(ax: Axes, places: np.ndarray, kind: str, **look: Any) -> None:
