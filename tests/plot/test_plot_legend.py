@@ -10,7 +10,7 @@ import pytest
 from drawings import branch_of
 
 import vijax as vx
-from vijax.plot._axes import create_axes
+from vijax.plot._axes import break_long_labels, create_axes
 from vijax.plot._legend import add_legend
 
 QUIET = [[(0.2, 0, 0.5), (0.7, 1, 0.25)], [(0.3, 0, 0.75), (0.8, 1, 0.5)], [(0.4, 0, 1.0), (0.9, 1, 0.75)]]
@@ -88,3 +88,15 @@ def test_pictures_without_a_legend_have_none():
     points = np.zeros((3, 1)), np.ones((3, 1))
     assert vx.plot.section({"a": points, "b": points}, legend=False).get_legend() is None
     assert vx.plot.section({"a": points, "b": points}).get_legend() is not None
+
+
+def test_a_long_label_is_broken_in_low_axes_but_not_within_a_formula():
+    words = "Speed of approach $v_0 + v_1$ before impact at contact 0"
+    for height, lines in ((6.0, 1), (2.0, 2)):
+        ax = plt.subplots(figsize=(3.0, height))[1]
+        ax.set_ylabel(words)
+        break_long_labels([ax])
+        shown = ax.get_ylabel()
+        assert shown.replace("\n", " ") == words
+        assert len(shown.split("\n")) == lines
+        assert all(line.count("$") % 2 == 0 for line in shown.split("\n"))

@@ -1,6 +1,6 @@
 """Helpers of all pictures: new axes, labels for legends, the phase axis, limits of axes that already have content."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -86,6 +86,24 @@ def let_beyond(marks: Line2D, ax: Axes) -> None:
     """Let markers at the limits of the axes be drawn whole, also when the limits change later."""
     share = _BEYOND
     marks.set_clip_box(TransformedBbox(Bbox([[-share, -share], [1 + share, 1 + share]]), ax.transAxes))
+
+
+def break_long_labels(column: Iterable[Axes]) -> None:
+    """Break labels of y axes into two lines where they are longer than low axes are high."""
+    for ax in column:
+        _break_long_label(ax)
+
+
+def _break_long_label(ax: Axes) -> None:
+    label = ax.yaxis.label
+    if label.get_window_extent().height <= ax.get_window_extent().height:
+        return
+    words = label.get_text().replace("\n", " ").split(" ")
+    is_open = np.cumsum([word.count("$") % 2 for word in words]) % 2  # no break within a formula
+    breaks = [k for k in range(1, len(words)) if not is_open[k - 1]]
+    lines = [[" ".join(words[:k]), " ".join(words[k:])] for k in breaks]
+    if lines:
+        label.set_text("\n".join(min(lines, key=lambda pair: max(map(len, pair)))))
 
 
 def set_phase_axis(set_limits, set_ticks, origin: float = 0.0) -> None:

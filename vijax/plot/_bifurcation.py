@@ -13,6 +13,7 @@ from .._sweep.literals import ImpactOrdinate, Quantity
 from .._sweep.outcomes import warn_of_endings
 from ._axes import (
     Sweeps,
+    break_long_labels,
     check_index,
     column_of_axes,
     current_xlim,
@@ -174,6 +175,7 @@ def bifurcation(
     if grazing:
         draw_grazing(column, one, path)
     column[-1].set_xlabel(label_of(path, labels, units, one))
+    break_long_labels(column)
     if legend:
         draw_legend(drawn, column[0], has_lines=resonances or grazing)
     return column if stop is None else column[0]

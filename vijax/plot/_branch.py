@@ -21,6 +21,7 @@ from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, machine_at
 from .._system.system import AnySystem, ImpactSystem
 from ._axes import (
+    break_long_labels,
     check_index,
     column_of_axes,
     current_xlim,
@@ -186,6 +187,7 @@ def branch(
         panel.set_ylabel((labels or {}).get(ordinate) or own)
     if grazing:
         draw_grazing(column, several[0].points, path)
+    break_long_labels(column)
     if legend:
         _draw_legend(column)
     return column if stop is None else column[0]

@@ -12,7 +12,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._sweep.outcomes import warn_of_endings
 from .._sweep.short_names import with_paths
 from .._trajectory.solution import Solution
-from ._axes import check_one_machine, create_axes, set_phase_axis, stops_to_draw
+from ._axes import break_long_labels, check_one_machine, create_axes, set_phase_axis, stops_to_draw
 from ._cloud import Cloud, draw_clouds, name_clouds
 from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, with_unit
@@ -79,6 +79,7 @@ def impact_map(
     set_phase_axis(ax.set_xlim, ax.set_xticks, begin)
     ax.set_xlabel(with_unit(r"Phase $\varphi$ of impact", ANGLE, units))
     ax.set_ylabel(with_unit(words, VELOCITY, units))
+    break_long_labels([ax])
     name_clouds(ax, turned, style, is_shown=legend)
     return ax
 

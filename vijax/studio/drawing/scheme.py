@@ -287,7 +287,7 @@ class Scheme(NamedTuple):
 
 def is_distance(row: np.ndarray) -> bool:
     """True for a row that is a multiple of the distance of two masses."""
-    return np.count_nonzero(row) == 2 and row.sum() == 0
+    return bool(np.count_nonzero(row) == 2 and row.sum() == 0)
 
 
 def _links(matrix: np.ndarray) -> list[Link]:
