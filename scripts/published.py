@@ -12,10 +12,12 @@ from pathlib import Path
 import jax
 import matplotlib.pyplot as plt
 from paper.output import as_text
-from papers import code_aster, galperin, mcnamara_young, siconos
+from papers import code_aster, galperin, mcnamara_young, siconos, tang
 from papers.value import table_of
 
-SOURCES = {one.__name__.rpartition(".")[2]: one for one in (code_aster, siconos, galperin, mcnamara_young)}
+SOURCES = {
+    one.__name__.rpartition(".")[2]: one for one in (code_aster, siconos, galperin, mcnamara_young, tang)
+}
 
 
 def write(name: str, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""EDF, code_aster, validation manual V5.01: masses with friction and with elastic stops, SDND100, 101, 104, 108 and 122."""
+"""EDF, code_aster, validation manual V5.01: masses with friction and with elastic stops, SDND100, 101, 104, 106, 108 and 122."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -47,9 +47,20 @@ def shaken(amplitude: float) -> vx.Solution:
     return vx.simulate(machine, 0.0, 12.0)
 
 
+def pulled() -> vx.Solution:
+    """Run SDND106 while its force acts: a mass that is pulled drags another one, which sticks at first."""
+    rubbing = vx.Friction(0, force=2000.0, static=3000.0)
+    spring, pull = (
+        1e4 * np.array([[1.0, -1.0], [-1.0, 1.0]]),
+        vx.Harmonic([0.0, 0.0], 1.0, mean=[0.0, 3000.0]),
+    )
+    machine = vx.ImpactSystem([5.0, 5.0], np.zeros((2, 2)), spring, pull, friction=[rubbing])
+    return vx.simulate(machine, 0.0, 0.2)
+
+
 def values() -> list[Value]:
     """All numbers."""
-    return [*_of_shoe(), *_of_elastic_stop(), *_of_shaking(), *_of_floor(), *_of_bilinear()]
+    return [*_of_shoe(), *_of_elastic_stop(), *_of_shaking(), *_of_pulling(), *_of_floor(), *_of_bilinear()]
 
 
 def _times(sol: vx.Solution, kind: int) -> np.ndarray:
@@ -110,6 +121,18 @@ def _of_shaking() -> list[Value]:
             Value("SDND104", f"wear power, A = {amplitude:g}", printed, digit, 10 * way / 8, reason=left_out)
         )
     return found
+
+
+def _of_pulling() -> list[Value]:
+    sol, rate = pulled(), np.sqrt(1e4 / 5)
+    x = np.asarray(sol.evaluate(np.array([0.02, 0.15]))[0])
+    name, reason = "SDND106", "printed with a speed at the slip rounded to 13.416"
+    return [
+        Value(name, "mass 1 slips at", 0.03512, 1e-5, float(_times(sol, vx.SLIP)[0]), np.pi / 2 / rate),
+        Value(name, "x2(0.02)", 0.11221, 1e-5, float(x[0, 1]), 0.3 * (1 - np.cos(0.02 * rate))),
+        Value(name, "x1(0.15)", 1.35332, 1e-5, float(x[1, 0]), reason=reason),
+        Value(name, "x2(0.15)", 1.80751, 1e-5, float(x[1, 1]), reason=reason),
+    ]
 
 
 def _of_floor() -> list[Value]:

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from drawings import PATH, branch_of, words_of_legend
+from drawings import PATH, branch_of, named, points, words_of_legend
 
 import vijax as vx
 from vijax.plot._labels import axis_label
@@ -85,6 +85,15 @@ def test_a_branch_shows_a_quantity_with_gaps_where_it_is_not_known():
     np.testing.assert_array_equal(known, [[1, 5], [2, 6], [4, 7], [5, 8]])
     own = vx.plot.branch(branch, ordinate="energy")
     assert own.get_ylabel() == "Energy"
+
+
+def test_a_bifurcation_at_which_a_quantity_is_not_known_is_marked_at_the_end_of_its_line():
+    branch = branch_of([[(0.2, 1, 0.5)]] * 6, ["gr", "", "fold", "", "", "gr"])
+    branch.points["energy"] = ("point", [np.nan, 5.0, np.nan, 6.0, 7.0, np.nan])
+    ax = vx.plot.branch(branch, ordinate="energy")
+    values = branch.values
+    assert points(*named(ax, "grazing")) == {(values[0], 5.0), (values[5], 7.0)}
+    assert points(*named(ax, "fold")) == {(values[2], 5.0)}
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import vijax as vx
 
 # Half a screen: 12 lines of 80 columns.
 SCREEN = 80 * 12
-SIGNATURE_OF_FRICTION = "(row: Mapping[int, ArrayLike] | Any, force: ArrayLike, static: ArrayLike | None = None, velocity: ArrayLike = 0.0)"
+SIGNATURE_OF_FRICTION = "(row: Mapping[int, ArrayLike] | int, force: ArrayLike, static: ArrayLike | None = None, velocity: ArrayLike = 0.0)"
 
 
 def public(is_wanted) -> dict[str, object]:
@@ -54,6 +54,7 @@ def test_a_signature_says_numbers_and_keeps_defaults_and_annotations():
     assert "settings: ExecutionSettings = ExecutionSettings()" in text
     assert repr(vx.ExecutionSettings(cores=2)) == "ExecutionSettings(cores=2)"
     assert inspect.signature(vx.sweep).parameters["transient"].default == 100
+    assert "transient: int = 100" in text
     assert "system: ImpactSystem | Family" in text
     assert vx.ImpactSystem in get_args(get_type_hints(vx.simulate)["system"])
 
@@ -67,7 +68,6 @@ DIFFERENT = {
     "ds": "one dataset, or several by their names",
     "file": "to write a machine, or optionally a film",
     "force": "added to a machine, or given back to one that was read",
-    "last": "of periods, or a duration",
     "mass": "masses of a machine, or the index of one",
     "masses": "of a machine, or those that touch",
     "max_events": "in a run that may be of any length, or in one cycle",

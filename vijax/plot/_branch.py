@@ -250,12 +250,14 @@ class _Curves(NamedTuple):
         kinds: bifurcation at each point, empty for none, (points,).
         is_stable: whether the branch is stable up to the next point, (points - 1,).
         lines: of each impact or quantity, the point numbers and its values there.
+        is_continuous: whether the ordinate is a quantity of the cycle, which ends nowhere but where it is not known.
     """
 
     values: np.ndarray
     kinds: np.ndarray
     is_stable: np.ndarray
     lines: list[tuple[np.ndarray, np.ndarray]]
+    is_continuous: bool
 
 
 def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | None) -> _Curves:
@@ -274,7 +276,9 @@ def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | Non
         lines = [(np.array(numbers), sign * np.array(velocities)) for numbers, velocities in found]
     else:
         lines = quantity_lines(points, ordinate, quantity, number)
-    return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
+    return _Curves(
+        points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines, quantity is not None
+    )
 
 
 def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tuple[np.ndarray, np.ndarray]]:
@@ -366,8 +370,14 @@ def _places_of_marks(curves: list[_Curves]) -> dict[str, list[tuple[float, float
             for value, velocity, kind in zip(
                 one.values[numbers], velocities, one.kinds[numbers], strict=True
             ):
-                if kind and np.isfinite(velocity):
+                if kind:
                     found.setdefault(str(kind), []).append((float(value), float(velocity)))
+            if one.is_continuous:  # a bifurcation at which it is not known lies where its line ends
+                ends = [(numbers[-1] + 1, velocities[-1])]
+                ends += [(0, velocities[0])] if numbers[0] == 1 else []
+                for number, beside in ends:
+                    if number < len(one.kinds) and (kind := str(one.kinds[number])):
+                        found.setdefault(kind, []).append((float(one.values[number]), float(beside)))
     return {kind: places for kind, places in found.items() if places}
 
 

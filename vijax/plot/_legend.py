@@ -170,7 +170,7 @@ def _drawn(ax: Axes) -> np.ndarray:
         elif isinstance(one, LineCollection):
             found += [_along(_in_axes(ax, one, np.asarray(part, float))) for part in one.get_segments()]
         elif not isinstance(one, QuadMesh):  # edges of areas
-            found += [_along(_in_axes(ax, one, path.vertices)) for path in one.get_paths()]
+            found += [_along(_in_axes(ax, one, np.asarray(path.vertices))) for path in one.get_paths()]
         else:
             shares = np.linspace(0, 1, round(1 / _STEP))
             found.append(np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2))

@@ -113,7 +113,7 @@ def _name(ax: Axes, classes: xr.Dataset, code: np.ndarray, drawn: list[Entry]) -
                 break
 
 
-def _legend(drawn: list[Entry]) -> dict[str, list]:
+def _legend(drawn: list[Entry]) -> dict[str, Any]:
     """Handles and labels of the legend, grouped under the names of families."""
     handles, words, family = [], [], ""
     for entry in drawn:

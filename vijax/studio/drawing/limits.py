@@ -25,7 +25,7 @@ Path = tuple[list[float], list[float]]
 def draw_limit(canvas: Canvas, scheme: Scheme, arrangement: Arrangement, limit: DrawnLimit) -> Move:
     """Draw a wall on the floor, or the plate of a contact with its arm; with a double arrow below if it moves."""
     is_inside, is_cushion = limit.mass in arrangement.inside, bool(scheme.is_compliant[limit.number])
-    zorder = 3.3 if is_inside else 2
+    zorder = 3.3 if is_inside else 2.0
     line = canvas.line(color=ink(), linewidth=1.8, zorder=zorder, gid=f"limit {limit.number}")
     ends, middle = _face(canvas, scheme, arrangement, limit)
     wall = None
