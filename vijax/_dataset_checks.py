@@ -14,6 +14,14 @@ _REAL, _COMPLEX = "biuf", ("multipliers",)
 _MAY_BE_EMPTY = {"stop", "impact", "event", "attractor", "section"}
 
 
+def check_is_dataset(ds: Any, argument: str, source: str) -> None:
+    """Reject what is no dataset; `source` is the function that makes such, as the user calls it."""
+    if not isinstance(ds, xr.Dataset):
+        raise ValueError(
+            f"Argument `{argument}` must be a dataset, what {source} returned, but is a {type(ds).__name__}."
+        )
+
+
 def check_columns(ds: xr.Dataset, source: str, columns: Mapping[str, tuple[str, ...]]) -> None:
     """Reject a dataset without these columns of numbers, or with columns that lack these dimensions; they may have others.
 

@@ -1,6 +1,6 @@
 """Starts of branches: given orbits, or the orbits found from the points of a sweep, in one form."""
 
-from collections.abc import Hashable, Iterator, Sequence as Many
+from collections.abc import Hashable, Iterable, Iterator, Sequence as Many
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -72,7 +72,13 @@ def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) ->
     """Starts of all orbits of a list, or of a dataset from `vx.periodic_orbits`."""
     if isinstance(source, xr.Dataset):
         return list(_of_dataset(source))
-    orbits = [source] if isinstance(source, PeriodicOrbit) else list(source)
+    orbits = [source] if isinstance(source, PeriodicOrbit) else source
+    orbits = [*orbits] if isinstance(orbits, Iterable) else [None]
+    if not all(isinstance(one, PeriodicOrbit) for one in orbits):
+        raise ValueError(
+            "Argument `orbit` must be a periodic orbit, a list of such, or what `vx.periodic_orbits` returned, but is a "
+            f"{type(source).__name__}."
+        )
     if is_traced(orbits):
         raise ValueError("Branches need known numbers: call this outside of `jax.jit` and `jax.vmap`.")
     return [

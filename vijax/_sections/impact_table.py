@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from .._dataset_checks import check_columns
+from .._dataset_checks import check_columns, check_is_dataset
 from .._sweep.outcomes import warn_of_endings
 from .record import dims_of, flattened_points
 
@@ -48,6 +48,7 @@ def impacts(ds: xr.Dataset) -> "pd.DataFrame":
     """
     import pandas as pd  # slow to import
 
+    check_is_dataset(ds, "ds", "`vx.sweep`")
     missing = [name for name in ("result", *_COLUMNS.values()) if name not in ds]
     if set(missing) - {"impact_relative_velocity"}:
         raise ValueError(f"Argument `ds` must be what `vx.sweep` returned, but has no {', '.join(missing)}.")

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import versions
+from .._dataset_checks import check_is_dataset
 from .._execution.points import LaneInput, lanes_with_values, with_values
 from .._execution.runner import Counts
 from .._flow.interface import AbstractFlow
@@ -101,6 +102,7 @@ def system_of(
         sol = vx.simulate(vx.system_of(point), 0.0, 80.0)
         ```
     """
+    check_is_dataset(ds, "ds", "`vx.sweep`")
     base, swept = _at_points(ds, (), None, allow_forces, force, family)
     found = lanes_with_values(base, swept).system
     return unbound(jax.tree.map(lambda a: jnp.asarray(a[..., 0]), found))

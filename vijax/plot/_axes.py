@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox, TransformedBbox
 
+from .._jax.arrays import whole_number
 from .._sweep.short_names import with_paths
 from ._labels import LENGTH, VELOCITY, Units, with_unit
 
@@ -53,6 +54,13 @@ def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> 
 
 def named_datasets(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
     """The datasets to draw by name, their quantities by path; a single one is named by the `label` of the style."""
+    if not isinstance(ds, xr.Dataset | Mapping) or not all(
+        isinstance(one, xr.Dataset) for one in ([] if isinstance(ds, xr.Dataset) else ds.values())
+    ):
+        raise ValueError(
+            "Argument `ds` must be what `vx.sweep` returned, or several such by their names, as in "
+            f'`{{"up": one, "down": other}}`, but is a {type(ds).__name__}.'
+        )
     named = {style.pop("label", ""): ds} if isinstance(ds, xr.Dataset) else dict(ds)
     if not named:
         raise ValueError("There is no dataset to draw: give one, or several by their names.")
@@ -124,6 +132,8 @@ def _in_pi(quarters: int) -> str:
 
 def check_index(name: str, index: int, count: int) -> None:
     """Raise if a stop or mass does not exist."""
+    if not isinstance(index, int | np.integer):
+        whole_number(name, index)
     if not count:
         raise ValueError(f"Argument `{name}` is {index}, but the machine has none.")
     if not 0 <= index < count:

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
-from .._dataset_checks import check_columns
+from .._dataset_checks import check_columns, check_is_dataset
 from .._sweep.short_names import with_paths
 from ._attractors import COLORS, HATCH, add_legend_of_attractors, check_count, draw_marks
 from ._axes import create_axes
@@ -64,6 +64,7 @@ def basins(
     References:
         J. M. T. Thompson & H. B. Stewart, Nonlinear Dynamics and Chaos, 2nd ed. (2002).
     """
+    check_is_dataset(basins, "basins", "`vx.basins`")
     _check(basins, max_attractors)
     basins = with_paths(basins)
     right, up = map(str, basins["label"].dims)

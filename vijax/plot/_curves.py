@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._dataset_checks import check_is_dataset
 from ._axes import create_axes, label_if_new
 from ._branch import MARKERS, OTHER, draw_special, label_of_kind
 from ._colors import curve_styles, merge_style
@@ -52,7 +53,15 @@ def curves(
         ax = vx.plot.curves(vx.bifurcation_curve(fold, "stops[0].position", bounds))
         ```
     """
-    several = [curves] if isinstance(curves, xr.Dataset) else list(curves)
+    several = (
+        [curves]
+        if isinstance(curves, xr.Dataset)
+        else [*curves]
+        if isinstance(curves, Sequence)
+        else [curves]
+    )
+    for one in several:
+        check_is_dataset(one, "curves", "`vx.bifurcation_curve`")
     right, up = _plane(several)
     kinds = list(dict.fromkeys(str(one.attrs["kind"]) for one in several))
     looks = dict(zip(kinds, curve_styles(len(kinds), style), strict=True))

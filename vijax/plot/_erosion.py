@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from .._dataset_checks import check_is_dataset
 from ._attractors import COLORS, check_count
 from ._axes import create_axes
 from ._colors import ink, merge_style
@@ -67,6 +68,7 @@ def erosion(
     References:
         J. M. T. Thompson, Proc. R. Soc. Lond. A 421 (1989) 195; S. Lenci & G. Rega, Nonlinear Dyn. 33 (2003) 71.
     """
+    check_is_dataset(followed, "followed", "`vx.follow_attractors`")
     path = _path(followed, measures)
     check_count(max_attractors)
     followed = followed.sortby(path)

@@ -87,6 +87,11 @@ def impact_map(
 def _clouds(motions: MotionLike | Mapping[str, MotionLike], stop: int | None) -> tuple[list[Cloud], str]:
     """Phases and velocities to draw, and the label of the velocity axis."""
     is_one = isinstance(motions, MotionLike)
+    if not is_one and not isinstance(motions, Mapping):
+        raise ValueError(
+            "The motion to draw must be a trajectory, a periodic orbit or a sweep, or several by their names in a dict, but is a "
+            f"{type(motions).__name__}."
+        )
     named = {"": motions} if is_one else dict(motions)
     if not named:
         raise ValueError("There is no motion to draw: give one, or several by their names.")

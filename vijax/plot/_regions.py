@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from scipy import ndimage
 
+from .._dataset_checks import check_is_dataset
 from .._sweep.short_names import with_paths
 from ._axes import create_axes, figure_of
 from ._colors import is_dark, lightness_of
@@ -70,6 +71,7 @@ def regions(
     References:
         Wagg & Bishop (2004), Fig. 6.
     """
+    check_is_dataset(classes, "classes", "`vx.classify` or `vx.chart`")
     check_motions(classes, max_classes)
     classes = with_paths(classes)
     classes = classes.sortby(list(classes.motion.dims))

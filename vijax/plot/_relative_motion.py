@@ -65,7 +65,7 @@ def relative_motion(
         S. F. Masri, "General motion of impact dampers", J. Acoustical Society of America 47 (1970) 229-237.
     """
     sol = solution_of(sol)
-    numbers = [contact] if isinstance(contact, int) else [int(one) for one in contact]
+    numbers = [contact] if isinstance(contact, int) else list(contact)
     if not numbers:
         raise ValueError("Argument `contact` is empty: give the number of one contact or more.")
     for number in numbers:

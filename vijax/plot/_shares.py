@@ -7,6 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
+from .._dataset_checks import check_is_dataset
 from ._attractors import COLORS, HATCH, add_legend_of_attractors, check_count, draw_marks
 from ._axes import create_axes
 from ._colors import ink, merge_style
@@ -62,6 +63,7 @@ def shares(
         G. Datseris, K. L. Rossi & A. Wagemakers, Framework for global stability analysis of dynamical systems,
         Chaos 33 (2023) 073151.
     """
+    check_is_dataset(followed, "followed", "`vx.follow_attractors`")
     path = _path(followed)
     check_count(max_attractors)
     followed = followed.sortby(path)
