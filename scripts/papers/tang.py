@@ -30,11 +30,10 @@ def andronov(damping_ratio: float, restitution: float) -> tuple[float, float]:
     def ratio(t: float) -> float:
         return phi(t, g) / phi(t, -g)
 
-    turn = float(
-        brentq(
-            lambda t: ratio(t) * np.exp(-2 * g * t) - restitution, np.pi + 1e-6, 2 * np.pi - 1e-6, xtol=1e-15
-        )
+    found = brentq(
+        lambda t: ratio(t) * np.exp(-2 * g * t) - restitution, np.pi + 1e-6, 2 * np.pi - 1e-6, xtol=1e-15
     )
+    turn = float(np.asarray(found))
     return turn, float(ratio(turn) ** 2 * np.exp(-2 * g * turn))
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable, Iterable, Iterator, Sequence as Many
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -72,8 +72,8 @@ def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) ->
     """Starts of all orbits of a list, or of a dataset from `vx.periodic_orbits`."""
     if isinstance(source, xr.Dataset):
         return list(_of_dataset(source))
-    orbits = [source] if isinstance(source, PeriodicOrbit) else source
-    orbits = [*orbits] if isinstance(orbits, Iterable) else [None]
+    given = [source] if isinstance(source, PeriodicOrbit) else source
+    orbits: list[Any] = [*given] if isinstance(given, Iterable) else [None]
     if not all(isinstance(one, PeriodicOrbit) for one in orbits):
         raise ValueError(
             "Argument `orbit` must be a periodic orbit, a list of such, or what `vx.periodic_orbits` returned, but is a "

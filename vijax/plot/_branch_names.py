@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,15 +25,16 @@ def named_branches(
     A single branch without a name has none. Of many branches without names, those whose orbits mostly have m impacts in n
     periods are "m in n".
     """
-    is_named = isinstance(branches, Mapping)
-    several = [branches] if isinstance(branches, Branch) else branches
-    several = [*several.values()] if is_named else [*several] if isinstance(several, Iterable) else [None]
+    given: Any = [branches] if isinstance(branches, Branch) else branches
+    several: list[Any] = [None]
+    if isinstance(given, Iterable):
+        several = [*given.values()] if isinstance(given, Mapping) else [*given]
     if not all(isinstance(one, Branch) for one in several):
         raise ValueError(
             "Argument `branches` must be what `vx.continuation` returned, several such in a list, or by their names in a "
             f"dict, but is a {type(branches).__name__}."
         )
-    if is_named:
+    if isinstance(branches, Mapping):
         return several, list(branches)
     if len(several) <= _FEW:
         return several, [f"branch {k}" if len(several) > 1 else "" for k in range(len(several))]

@@ -53,13 +53,8 @@ def curves(
         ax = vx.plot.curves(vx.bifurcation_curve(fold, "stops[0].position", bounds))
         ```
     """
-    several = (
-        [curves]
-        if isinstance(curves, xr.Dataset)
-        else [*curves]
-        if isinstance(curves, Sequence)
-        else [curves]
-    )
+    given: Any = [curves] if isinstance(curves, xr.Dataset) else curves
+    several: list[Any] = [*given] if isinstance(given, Sequence) else [given]
     for one in several:
         check_is_dataset(one, "curves", "`vx.bifurcation_curve`")
     right, up = _plane(several)

@@ -1,6 +1,7 @@
 """Periodic orbits in the forms accepted by pictures."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -31,8 +32,8 @@ def solution_of(motion: Solution | PeriodicOrbit) -> Solution:
 
 def list_of_orbits(orbits: PeriodicOrbit | Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
     """One orbit or several, as a list."""
-    several = [orbits] if isinstance(orbits, PeriodicOrbit) else orbits
-    several = [*several] if isinstance(several, Iterable) else [None]
+    given = [orbits] if isinstance(orbits, PeriodicOrbit) else orbits
+    several: list[Any] = [*given] if isinstance(given, Iterable) else [None]
     if not all(isinstance(one, PeriodicOrbit) for one in several):
         raise ValueError(
             "Argument `orbits` must be a periodic orbit, a list of such, or what `vx.periodic_orbits` returned, but is a "
