@@ -55,7 +55,11 @@ def main() -> None:
     parser.add_argument("--full", action="store_true", help="all sizes and more repeats")
     parser.add_argument("--only", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument(
-        "--first", action="store_true", help="parts of the CPU time of first results alone, and their table"
+        "--first",
+        nargs="*",
+        metavar="CALL",
+        choices=list(waits.CALLS),
+        help="parts of the CPU time of first results alone, and their table; of some calls, or of all",
     )
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument(
@@ -67,8 +71,8 @@ def main() -> None:
     )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    if options.first:
-        measure_waits(options.out, options.beside)
+    if options.first is not None:
+        measure_waits(options.first, options.out, options.beside)
         return
     results: dict = {"surroundings": report.surroundings(), "seconds": {}}
     for name in options.only:
@@ -82,10 +86,10 @@ def main() -> None:
     print("\n" + report.table(results, *others))
 
 
-def measure_waits(out: Path, beside: list[Path]) -> None:
+def measure_waits(calls: list[str], out: Path, beside: list[Path]) -> None:
     """Write first.json, and print the table of first results beside other releases of JAX."""
     others = [json.loads(path.read_text()) for path in beside]
-    rows = waits.waits()
+    rows = waits.waits(calls)
     (out / "first.json").write_text(json.dumps(rows, indent=1))
     print("\n" + waits.table(rows, *others))
 

@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import process_time
@@ -93,7 +93,8 @@ def branch(system: vx.ImpactSystem) -> vx.Branch:
 
 def curve(system: vx.ImpactSystem) -> Any:
     """The curve of its first fold."""
-    fold = next(point for point in branch(system).bifurcations if point.kind == "fold")
+    followed = vx.continuation(orbit(system), FREQUENCY, (0.8, 1.0), progress=False)
+    fold = next(point for point in followed.bifurcations if point.kind == "fold")
     bounds = {FREQUENCY: (0.8, 1.1), "stops[0].position": (0.2, 0.4)}
     return vx.bifurcation_curve(fold, "stops[0].position", bounds, max_points=3, progress=False)
 
@@ -146,10 +147,10 @@ CALLS: dict[str, tuple[Callable[[Any], Any], Callable[[], vx.ImpactSystem]]] = {
 AGAIN = "branch, force", "jit(jacfwd), stops"
 
 
-def waits() -> list[dict]:
-    """Parts of the wait for each call of the table, in fresh processes."""
+def waits(calls: Sequence[str] = ()) -> list[dict]:
+    """Parts of the wait for some calls of the table, or for all, in fresh processes."""
     rows = []
-    for name in CALLS:
+    for name in calls or CALLS:
         with tempfile.TemporaryDirectory() as folder:
             rows.append({"what": name, **_in_fresh_process(name, folder)})
             say(rows[-1])
