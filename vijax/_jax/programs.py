@@ -184,7 +184,7 @@ class Programs:
     def _lowered(self, key: _Key) -> tuple[Any, _Static]:
         """A program that is traced and lowered, and the tree of its results."""
         parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
-        lowered = self._plain.lower(key.static, *parts)
+        lowered = self._plain.trace(key.static, *parts).lower()
         return lowered, self._results[key.static]
 
     @cached_property
