@@ -38,7 +38,7 @@ def compiled() -> str:
     counts = np.array([POINTS, POINTS, 1, 2, 1000, 16, 1000])
     with jax.numpy_rank_promotion("allow"):
         queue = lane_queue.new_queue(program, POINTS, LANES, DEFAULT_SETTINGS)
-        return lane_queue.lane_programs.compiled(program, packed, counts, queue).as_text()
+        return lane_queue.lane_programs.compiled(program, packed, counts, None, queue).as_text()
 
 
 def test_no_library_sine_is_computed_in_the_loop(compiled):

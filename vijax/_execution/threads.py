@@ -125,7 +125,7 @@ def _run_queue(
             tell(done - reported)
             reported = done
     ends, state = queue.ends, queue.ends.state
-    columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
+    columns = {"x": state.x, "v": state.v, "held": state.held, "periods": ends.marks} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
     columns |= ends.observed
@@ -142,7 +142,7 @@ def _sections(marks: PeriodEnd, record: int, num_points: int) -> dict[str, np.nd
         if rows is None:
             continue
         table = np.zeros((rows.shape[1], record, num_points), rows.dtype)
-        table[:, marks.period, marks.point] = rows.T
+        table[:, marks.mark, marks.point] = rows.T
         tables[f"section_{name}"] = table
     return tables
 
@@ -154,7 +154,8 @@ def _start(
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - share.size, int))
     layout, packed = pack(points, filled, all_own=_are_all_own(points))
-    program = LaneProgram(layout, counts.can_stick, counts.lyapunov, counts.observed)
+    times = None if counts.times is None else _padded(counts.times, packed.own.dtype)
+    program = LaneProgram(layout, counts.can_stick, counts.lyapunov, counts.observed, times is not None)
     periods = (counts.transient, counts.transient + counts.record)
     max_steps = AUTOMATIC_MAX_STEPS if counts.max_steps is None else counts.max_steps
     work = np.array(
@@ -162,14 +163,20 @@ def _start(
         jax.dtypes.canonicalize_dtype(int),
     )
     queue = new_queue(program, width, num_lanes, settings)
-    call = partial(run_lanes, program, packed, work)
-    key = program, shape, packed.own.dtype, settings
+    call = partial(run_lanes, program, packed, work, times)
+    key = program, shape, packed.own.dtype, settings, np.shape(times)
     with _COMPILING if key not in _COMPILED else nullcontext():
         if key not in _COMPILED:
             # Compiles, and takes no turn yet.
-            queue, _ = run_lanes(program, packed, work * _ALL_BUT_TURNS, queue)
+            queue, _ = run_lanes(program, packed, work * _ALL_BUT_TURNS, times, queue)
             _COMPILED.add(key)
     return call, queue
+
+
+def _padded(times: tuple[float, ...], dtype: np.dtype) -> np.ndarray:
+    """Times of marks, the last repeated up to a power of two, so that one program serves many numbers of them."""
+    size = 1 << (len(times) - 1).bit_length()
+    return np.asarray((*times, *times[-1:] * (size - len(times))), dtype)
 
 
 def _are_all_own(points: Points) -> bool:

@@ -175,15 +175,18 @@ def _against(one: dict[int, Reals], other: dict[int, Reals]) -> Reals | None:
     return share if (share > 0).all() and np.all(are_opposite) else None
 
 
-def check_machines(system: Any, x0: Array | np.ndarray) -> None:
-    """Reject invalid values of machines or of their starts, all lanes at once; lanes last."""
+def check_machines(system: Any, x0: Array | np.ndarray, *, counts_periods: bool = True) -> None:
+    """Reject invalid values of machines or of their starts, all lanes at once; lanes last.
+
+    `counts_periods` is true where the load must have a period.
+    """
     if system.has_full_mass:
         check_mass_matrices(np.moveaxis(np.asarray(system.mass), -1, 0))
     else:
         check_every("mass", system.mass, POSITIVE)
-    if system.forcing.why_not_periodic:
+    if counts_periods and system.forcing.why_not_periodic:
         raise ValueError(system.forcing.why_not_periodic)
-    check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
+    check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD if counts_periods else NOT_NEGATIVE)
     for name in ("damping", "stiffness"):
         check_finite(name, np.asarray(getattr(system, name)))
     for j, stop in enumerate(system.stops):
