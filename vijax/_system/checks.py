@@ -46,7 +46,11 @@ NOT_NEGATIVE = Rule(
     "Every `{name}` must be finite and not negative.",
 )
 # A load of frequency 0 is constant and has no period.
-HAS_PERIOD = Rule(lambda a: a > 0, every="Every `{name}` must be positive: a sweep counts forcing periods.")
+HAS_PERIOD = Rule(
+    lambda a: a > 0,
+    every="Every `{name}` must be positive: a sweep counts forcing periods, unless it has a `duration`.",
+)
+RISING = Rule(lambda a: np.diff(a, axis=0) > 0, every="Every swept `{name}` must rise from knot to knot.")
 RESTITUTION = Rule(
     lambda a: (a >= 0) & (a <= 1),
     "lie between 0 (plastic) and 1 (elastic)",
@@ -187,6 +191,8 @@ def check_machines(system: Any, x0: Array | np.ndarray, *, counts_periods: bool 
     if counts_periods and system.forcing.why_not_periodic:
         raise ValueError(system.forcing.why_not_periodic)
     check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD if counts_periods else NOT_NEGATIVE)
+    for load in system.forcing.loads:
+        load.check_lanes(check_every)
     for name in ("damping", "stiffness"):
         check_finite(name, np.asarray(getattr(system, name)))
     for j, stop in enumerate(system.stops):

@@ -1,5 +1,8 @@
 """Loads by tables: a record in time, and a wave form that repeats."""
 
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -7,9 +10,11 @@ from jaxtyping import Array, ArrayLike, Float
 from .._jax.arrays import Numbers, Reals, as_float
 from .._jax.concrete import concrete
 from .._printing import as_html, as_text, describe_tabulated, describe_waveform
-from .checks import FINITE, POSITIVE, check_number, check_one
+from .checks import FINITE, POSITIVE, RISING, Rule, check_number, check_one
 from .load import AbstractLoad, with_more_columns
 from .splines import KINDS, derivatives_at_knots
+
+_IN_PERIOD = Rule(lambda a: (a >= 0) & (a < 2 * np.pi), every="Every swept `{name}` must lie in [0, 2 pi).")
 
 
 class Tabulated(AbstractLoad):
@@ -62,9 +67,13 @@ class Tabulated(AbstractLoad):
     def why_not_periodic(self) -> str:
         """Reason why there is no forcing period, and what to do."""
         return (
-            "A `vx.Tabulated` load does not repeat, so there is no forcing period: follow the motion in time with `vx.simulate`, "
-            "or give the load as a `vx.Waveform`."
+            "A `vx.Tabulated` load does not repeat, so there is no forcing period: follow the motion in time with `vx.simulate` or "
+            "`vx.sweep(..., duration=...)`, or give the load as a `vx.Waveform`."
         )
+
+    def check_lanes(self, check_every: Callable[[str, Any, Rule], None]) -> None:
+        """Reject times that do not rise, of many machines at once; lanes last."""
+        check_every("times", self.times, RISING)
 
     def num_columns(self, lane_axes: int = 0) -> int:
         """Number of masses; lanes may be last."""
@@ -141,6 +150,13 @@ class Waveform(AbstractLoad):
             )
         if self.frequency is not None:
             check_number("frequency", self.frequency, POSITIVE)
+
+    def check_lanes(self, check_every: Callable[[str, Any, Rule], None]) -> None:
+        """Reject phases that do not rise within a period, and frequencies that are not positive; lanes last."""
+        check_every("phases", self.phases, RISING)
+        check_every("phases", self.phases, _IN_PERIOD)
+        if self.frequency is not None:
+            check_every("frequency", self.frequency, POSITIVE)
 
     def num_columns(self, lane_axes: int = 0) -> int:
         """Number of masses; lanes may be last."""
