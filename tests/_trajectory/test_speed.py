@@ -33,7 +33,7 @@ def compiled() -> str:
     flow = choose_flow(points.system, can_stick=True)
     start = np.zeros((2, POINTS))
     given = lane_queue.Points(numbers_of(points.system), flow, start, start)
-    layout, packed = pack(given, np.arange(POINTS), all_own=True)
+    layout, packed = pack(given, np.arange(POINTS), repeated=True)
     program = lane_queue.LaneProgram(layout, can_stick=True)
     counts = np.array([POINTS, POINTS, 1, 2, 1000, 16, 1000])
     with jax.numpy_rank_promotion("allow"):

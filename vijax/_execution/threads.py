@@ -1,5 +1,6 @@
 """Runner on this machine: a queue of points on every core."""
 
+import math
 import os
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -27,6 +28,8 @@ from .settings import ExecutionSettings
 # A program is compiled once, not by every thread. Programs that this process has, by what they are compiled for.
 _COMPILING = Lock()
 _COMPILED: set[Hashable] = set()
+# Most numbers in the tables of all points of a queue, 32 megabytes.
+_OF_TABLES = 1 << 22
 _ALL_BUT_TURNS = np.array([1, 1, 1, 1, 1, 1, 0])
 
 
@@ -76,8 +79,8 @@ class Threads(AbstractRunner):
         """
         in_all = points.x0.shape[-1] if self.in_all is None else self.in_all
         num_lanes = self.settings.lanes
-        is_wide = in_all > num_lanes or are_small(points)
-        width = max(self.settings.points, num_lanes) if is_wide else num_lanes
+        is_wide = in_all > num_lanes or (are_small(points) and points.numbers.tables is None)
+        width = max(min(self.settings.points, _most_points(points)), num_lanes) if is_wide else num_lanes
         cores = self.settings.cores or count_cores()
         num_queues = max(-(-which.size // width), min(cores, -(-which.shape[-1] // num_lanes)))
         return num_queues, (width, num_lanes)
@@ -153,7 +156,7 @@ def _start(
     """A call that works on the queue of some points, filled up to one width, and the new queue."""
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - share.size, int))
-    layout, packed = pack(points, filled, all_own=_are_all_own(points))
+    layout, packed = pack(points, filled, repeated=_repeated(points))
     times = None if counts.times is None else _padded(counts.times, packed.own.dtype)
     program = LaneProgram(layout, counts.can_stick, counts.lyapunov, counts.observed, times is not None)
     periods = (counts.transient, counts.transient + counts.record)
@@ -177,6 +180,22 @@ def _padded(times: tuple[float, ...], dtype: np.dtype) -> np.ndarray:
     """Times of marks, the last repeated up to a power of two, so that one program serves many numbers of them."""
     size = 1 << (len(times) - 1).bit_length()
     return np.asarray((*times, *times[-1:] * (size - len(times))), dtype)
+
+
+def _most_points(points: Points) -> int:
+    """Most points of a queue whose own tables of the load fit into some megabytes: a power of two."""
+    rows = [math.prod(a.shape[:-1]) for a in jax.tree.leaves(points.numbers.tables) if a.shape[-1] > 1]
+    return 1 << (_OF_TABLES // max(sum(rows), 1)).bit_length() - 1
+
+
+def _repeated(points: Points) -> Points | bool:
+    """Flags of the numbers that are repeated for every point; tables of loads, which are long, are not."""
+    are_own = _are_all_own(points)
+    if points.numbers.tables is None:
+        return are_own
+    flags = jax.tree.map(lambda _: are_own, points)
+    of_tables = jax.tree.map(lambda _: False, points.numbers.tables)
+    return eqx.tree_at(lambda p: p.numbers.tables, flags, of_tables)
 
 
 def _are_all_own(points: Points) -> bool:
