@@ -11,7 +11,14 @@ import xarray as xr
 # Kinds of the types of real numbers and flags in NumPy, and columns of complex numbers.
 _REAL, _COMPLEX = "biuf", ("multipliers",)
 # Columns that motions followed for a `duration` do not have.
-_OF_PERIODS = {"forcing_period", "impact_phase", "section_x", "section_v", "section_position", "section_velocity"}
+_OF_PERIODS = {
+    "forcing_period",
+    "impact_phase",
+    "section_x",
+    "section_v",
+    "section_position",
+    "section_velocity",
+}
 # Dimensions along which there may be nothing.
 _MAY_BE_EMPTY = {"stop", "impact", "event", "attractor", "section"}
 

@@ -17,7 +17,8 @@ from .._flow.interface import AbstractFlow
 from .._jax.memory_maps import make_room
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
-from .._machine.numbers import numbers_of
+from .._machine.numbers import numbers_of, with_base
+from .._trajectory.observer import OF_BASE
 from .lane_queue import LaneProgram, Points, Queue, are_small, new_queue, run_lanes
 from .packed import pack
 from .points import LaneInput
@@ -56,7 +57,10 @@ class Threads(AbstractRunner):
     def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
         """Run points in threads, a queue in each."""
         make_room()
-        own = Points(numbers_of(points.system), self.flow, points.x0, points.v0)
+        numbers = numbers_of(points.system)
+        if set(OF_BASE) & set(self.counts.observed):
+            numbers = with_base(numbers, points.system)
+        own = Points(numbers, self.flow, points.x0, points.v0)
         num_queues, shape = self._sizes(own, which)
         shares = split_evenly(points, which, num_queues)
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
@@ -167,7 +171,7 @@ def _start(
     )
     queue = new_queue(program, width, num_lanes, settings)
     call = partial(run_lanes, program, packed, work, times)
-    key = program, shape, packed.own.dtype, settings, np.shape(times)
+    key = program, shape, packed.own.dtype, settings, 0 if times is None else len(times)
     with _COMPILING if key not in _COMPILED else nullcontext():
         if key not in _COMPILED:
             # Compiles, and takes no turn yet.

@@ -41,9 +41,7 @@ def counts_of(
                 "`section_x` and `section_v` are the states at the ends of those recorded."
             )
         if lyapunov and record < 1:
-            raise ValueError(
-                "Exponents are averaged over the recorded periods: let `record` be 1 or more."
-            )
+            raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
         return Counts(transient, record, max_impacts, max_steps, can_stick=True, lyapunov=bool(lyapunov))
     if (transient, record) != (TRANSIENT, RECORD):
         raise ValueError(
@@ -88,5 +86,10 @@ def _knots_passed(load: Any, duration: float, clock: Any) -> float:
     if isinstance(load, Tabulated):
         return len(load.times)
     if isinstance(load, Waveform):
-        return len(load.phases) * duration * float(clock if load.frequency is None else load.frequency) / (2 * np.pi)
+        return (
+            len(load.phases)
+            * duration
+            * float(clock if load.frequency is None else load.frequency)
+            / (2 * np.pi)
+        )
     return 0.0

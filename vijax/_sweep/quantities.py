@@ -23,7 +23,7 @@ from .._execution.runner import Counts
 from .._system.restitution import coefficient
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._trajectory.observer import EXTREMES
+from .._trajectory.observer import EXTREMES, OF_BASE
 from .outcomes import code_of
 
 
@@ -167,6 +167,12 @@ def _peak_to_peak(recorded: _Recorded) -> np.ndarray:
     return _extreme("max_position", recorded) - _extreme("min_position", recorded)
 
 
+def _largest_size(names: tuple[str, str], recorded: _Recorded) -> np.ndarray:
+    """Largest magnitude of a signal from its highest and its lowest value."""
+    highest, lowest = (_extreme(name, recorded) for name in names)
+    return np.maximum(highest, -lowest)
+
+
 def _rms(square: str, recorded: _Recorded) -> np.ndarray:
     mean = recorded.observed[square] / recorded.span
     return np.where(recorded.is_done, np.sqrt(mean), np.nan)
@@ -231,20 +237,24 @@ def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.nd
 _QUANTITIES: dict[str, Callable[[_Recorded], np.ndarray]] = {
     "section_position": lambda recorded: recorded.tables["section_x"],
     "section_velocity": lambda recorded: recorded.tables["section_v"],
-    **{name: partial(_extreme, name) for name in EXTREMES},
+    **{name: partial(_extreme, name) for name in EXTREMES if name not in OF_BASE},
     "peak_to_peak": _peak_to_peak,
     "rms_position": partial(_rms, "square_position"),
     "rms_velocity": partial(_rms, "square_velocity"),
+    "rms_acceleration": partial(_rms, "square_acceleration"),
+    "max_absolute_acceleration": partial(_largest_size, OF_BASE),
     "impact_rate": _impact_rate,
     "impulse": partial(_summed, _impulse),
     "dissipated_energy": partial(_summed, _dissipated_energy),
     "mean_velocity": _mean_velocity,
 }
 # Observations that a quantity needs, see `observer.py`.
-_OBSERVED = {name: (name,) for name in EXTREMES} | {
+_OBSERVED = {name: (name,) for name in EXTREMES if name not in OF_BASE} | {
     "peak_to_peak": ("max_position", "min_position"),
     "rms_position": ("square_position",),
     "rms_velocity": ("square_velocity",),
+    "rms_acceleration": ("square_acceleration",),
+    "max_absolute_acceleration": OF_BASE,
 }
 # Dimensions besides those of the points.
 DIMS: dict[str, tuple[str, ...]] = {

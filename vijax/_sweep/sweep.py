@@ -87,7 +87,9 @@ def sweep(
             three times as long. They are averaged over the recorded periods, of which there should then be many.
         quantities: names of more variables, to rounding, NaN where unknown. Of the motion in all recorded periods, between
             impacts and at them: "max_position", "min_position", their difference "peak_to_peak", "max_velocity",
-            "min_velocity", "rms_position" and "rms_velocity" (..., mass), and "max_force" (..., stop), the largest
+            "min_velocity", "rms_position" and "rms_velocity" (..., mass); "max_acceleration", "min_acceleration" and
+            "rms_acceleration" (..., mass), between impacts alone, and "max_absolute_acceleration" (..., mass), the largest size
+            of the acceleration with that of the base, see `vx.base_excitation`; and "max_force" (..., stop), the largest
             contact force at a stop that holds its mass or is compliant, without impacts. A sweep with one of these takes
             two to three times as long, with all of them ten times. Of the record, at no cost: "section_position" and
             "section_velocity", which equal `section_x` and `section_v`; "impact_rate" (..., stop), recorded impacts per

@@ -31,6 +31,8 @@ class Tabulated(AbstractLoad):
         kind: "linear" between the knots; "previous", steps, each value up to the next time (the last value is not used);
             "cubic", a spline with two continuous derivatives and a third at the last but one knots on both sides
             (not-a-knot): of two knots a line, of three a parabola.
+        from_base: whether this is the inertia force -m_i y'' of a base that moves, as `vx.base_excitation` makes it: the
+            quantity "max_absolute_acceleration" then has the acceleration y'' of the base.
 
     Raises:
         ValueError: for shapes that do not fit together, fewer than two knots, times that do not rise, numbers that are not
@@ -50,10 +52,11 @@ class Tabulated(AbstractLoad):
     times: Float[Array, "knots ..."]
     values: Float[Array, "knots n ..."]
     kind: str = eqx.field(static=True)
+    from_base: bool = eqx.field(static=True)
 
-    def __init__(self, times: Numbers, values: Numbers, kind: str = "linear"):
+    def __init__(self, times: Numbers, values: Numbers, kind: str = "linear", *, from_base: bool = False):
         self.times, self.values = as_float(times, "times"), _of_masses(values)
-        self.kind = kind
+        self.kind, self.from_base = kind, bool(from_base)
 
     def __check_init__(self):
         _check_table("times", self.times, self.values, self.kind)
@@ -85,7 +88,7 @@ class Tabulated(AbstractLoad):
 
     def with_more(self, count: int) -> "Tabulated":
         """The load, zero on some more coordinates."""
-        return Tabulated(self.times, with_more_columns(self.values, count), self.kind)
+        return eqx.tree_at(lambda load: load.values, self, with_more_columns(self.values, count))
 
     def derivatives(self) -> Reals:
         """Derivatives of the load by time where each interval begins, (knots - 1, orders, n); lanes may be last."""
@@ -114,6 +117,8 @@ class Waveform(AbstractLoad):
         frequency: angular frequency W, positive, in radians per time.
         kind: "linear" between the knots; "previous", steps, as of a square wave; "cubic", a periodic spline with two
             continuous derivatives.
+        from_base: whether this is the inertia force -m_i y'' of a base that moves, as `vx.base_excitation` makes it: the
+            quantity "max_absolute_acceleration" then has the acceleration y'' of the base.
 
     Raises:
         ValueError: for shapes that do not fit together, fewer than two knots, phases that do not rise or lie outside
@@ -134,11 +139,20 @@ class Waveform(AbstractLoad):
     values: Float[Array, "knots n ..."]
     frequency: Float[Array, "..."]  # None in a sum whose loads share one
     kind: str = eqx.field(static=True)
+    from_base: bool = eqx.field(static=True)
 
-    def __init__(self, phases: Numbers, values: Numbers, frequency: ArrayLike, kind: str = "linear"):
+    def __init__(
+        self,
+        phases: Numbers,
+        values: Numbers,
+        frequency: ArrayLike,
+        kind: str = "linear",
+        *,
+        from_base: bool = False,
+    ):
         self.phases, self.values = as_float(phases, "phases"), _of_masses(values)
         self.frequency = as_float(frequency, "frequency")
-        self.kind = kind
+        self.kind, self.from_base = kind, bool(from_base)
 
     def __check_init__(self):
         _check_table("phases", self.phases, self.values, self.kind)
@@ -168,7 +182,7 @@ class Waveform(AbstractLoad):
 
     def with_more(self, count: int) -> "Waveform":
         """The load, zero on some more coordinates."""
-        return Waveform(self.phases, with_more_columns(self.values, count), self.frequency, self.kind)
+        return eqx.tree_at(lambda load: load.values, self, with_more_columns(self.values, count))
 
     def derivatives(self) -> Reals:
         """Derivatives of the load by its phase where each interval begins, (knots, orders, n); lanes may be last."""
