@@ -11,7 +11,7 @@ from .._execution.points import LaneInput
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .._system.parameters import find_parameter
 from .._system.system import AnySystem, machine_of, varied
 from .counts import RECORD, TRANSIENT, counts_of
@@ -26,6 +26,7 @@ from .zipped import sweep_zipped
 SAMPLE = "sample"
 
 
+@says_what_compiles
 def ensemble(
     system: AnySystem,
     distributions: Distributions,
