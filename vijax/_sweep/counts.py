@@ -84,7 +84,7 @@ def _work(system: Any, duration: float) -> int:
 def _knots_passed(load: Any, duration: float, clock: Any) -> float:
     """Number of knots of a load in a time; `clock` is the frequency of loads of a sum without their own."""
     if isinstance(load, Tabulated):
-        return len(load.times)
+        return float(len(load.times))
     if isinstance(load, Waveform):
         return (
             len(load.phases)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from jaxtyping import ArrayLike
 
 from .._dataset_attributes import variable_attributes
 from .._execution.points import LaneInput
@@ -37,7 +36,7 @@ def ensemble(
     correlation: Numbers | None = None,
     transient: Count = TRANSIENT,
     record: Count = RECORD,
-    duration: ArrayLike | None = None,
+    duration: Numbers | None = None,
     ts: Numbers | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
-from jaxtyping import ArrayLike
 
 from .._execution.cluster import choose_runner
 from .._execution.points import LaneInput
@@ -37,7 +36,7 @@ def sweep(
     *,
     transient: Count = TRANSIENT,
     record: Count = RECORD,
-    duration: ArrayLike | None = None,
+    duration: Numbers | None = None,
     ts: Numbers | None = None,
     carry: Carry | None = None,
     carry_from: xr.Dataset | None = None,
