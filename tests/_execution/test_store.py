@@ -372,7 +372,7 @@ def test_a_chunk_is_the_work_of_seconds(tmp_path):
     runner = Threads(vx.TaylorFlow(), Counts(0, 0, 0, None, can_stick=True), settings)
     for periods in (10, 10**4, 10**7):
         made = {"transient": 0, "record": periods}
-        store = stores.open_store(tmp_path / str(periods), made, runner, settings)
+        store = stores.open_store(tmp_path / str(periods), made, runner, settings, periods)
         sizes.append(store.points_per_chunk)
     assert sizes[0] == settings.points
     assert sizes[0] > sizes[1] >= sizes[2] >= settings.lanes

@@ -44,10 +44,10 @@ PUBLIC = {
     """,
     "vijax.models": """
         CubicSpring FrictionLoss PendulumWeight ball_between_walls ball_on_table bead_column bouncing_ball
-        cantilever capsule_robot duffing_oscillator friction_damped_pair friction_oscillator gear_pair
-        impact_damper impact_oscillator impact_pair impacting_pendulum multi_piston percussive_drill
-        soft_impact_oscillator two_sided_oscillator uniform_chain vibro_impact_harvester wagg_bishop_a
-        wagg_bishop_b
+        cantilever capsule_robot drop_hammer duffing_oscillator friction_damped_pair friction_oscillator gear_mesh
+        gear_pair impact_damper impact_oscillator impact_pair impacting_pendulum multi_piston percussive_drill
+        pounding_buildings shaken_oscillator soft_impact_oscillator two_sided_oscillator unbalanced_rotor
+        uniform_chain vibro_impact_harvester wagg_bishop_a wagg_bishop_b
     """,
 }
 PARTS = pytest.mark.parametrize("part", [vx, vx.plot, vx.models], ids=lambda part: part.__name__)

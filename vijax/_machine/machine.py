@@ -55,6 +55,7 @@ class Machine(eqx.Module):
     closed_rate: Any = None
     num_states: int = eqx.field(static=True, default=0)
     tables: Tables | None = None
+    base: Any = None  # `BaseLoad`, only where absolute accelerations are computed
 
     @property
     def num_masses(self) -> int:
@@ -202,6 +203,26 @@ class Machine(eqx.Module):
             return state.x, state.v
         w, rate = self.frame.at(state.phase)
         return state.x + w, state.v + rate
+
+    def acceleration_in_space(
+        self, state: State, force: Float[Array, "n ..."], hold: Held
+    ) -> Float[Array, "n ..."]:
+        """Accelerations in space from `total_force`; those of their stops of masses that are held."""
+        own = self.contacts.accelerations(force, hold, state.phase)
+        return own if self.frame is None else own + self.frame.acceleration_at(state.phase)
+
+    def absolute(self, acceleration: Float[Array, "n ..."], state: State) -> Float[Array, "n ..."]:
+        """Accelerations with that of the base, from those relative to it."""
+        if self.base is None:
+            return acceleration
+        return acceleration - self.contacts.inverse_mass_times(self._load_of_base(state.phase))
+
+    def _load_of_base(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        load = self.base.waves.at(phase)
+        if not any(self.base.tables):
+            return load
+        assert self.tables is not None
+        return load + self.tables.load_of(self._columns(phase), self.base.tables)
 
     def relative_to_stops(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
@@ -397,6 +418,7 @@ def prepare(
         closed_rate=rate_with_closed(numbers, contacts, rate) if is_switching else None,
         num_states=numbers.num_states,
         tables=_tables(numbers, start[0], frequency),
+        base=numbers.base,
     )
 
 

@@ -30,7 +30,7 @@ from .short_names import path_of
 
 def origin(
     base: LaneInput, counts: Counts, *, flow: str, carry: str | None, goes_on: bool
-) -> dict[str, str | int]:
+) -> dict[str, str | int | float]:
     """Attributes of a dataset: everything besides the swept values that determines the results.
 
     `base` is the machine and start where nothing is swept, `flow` the name of the flow between events. `goes_on` is
@@ -39,15 +39,15 @@ def origin(
     own = machine_of(base.system)
     of_force = {} if own.force is None else {"force_parameters": json.dumps(force_parameters(bound(own)))}
     observed = {"observed": ", ".join(counts.observed)} if counts.observed else {}
+    periods = {"transient": int(counts.transient), "record": int(counts.record)}
     return (
         of_force
         | observed
+        | (periods if counts.times is None else {"duration": counts.times[-1]})
         | {
             **attributes_of_system(base.system),
             "x0": json.dumps(np.asarray(base.x0).tolist()),
             "v0": json.dumps(np.asarray(base.v0).tolist()),
-            "transient": int(counts.transient),
-            "record": int(counts.record),
             "lyapunov": int(counts.lyapunov),
             "carry": carry or "none",
             "carry_from": "an earlier sweep" if goes_on else "none",

@@ -46,7 +46,11 @@ NOT_NEGATIVE = Rule(
     "Every `{name}` must be finite and not negative.",
 )
 # A load of frequency 0 is constant and has no period.
-HAS_PERIOD = Rule(lambda a: a > 0, every="Every `{name}` must be positive: a sweep counts forcing periods.")
+HAS_PERIOD = Rule(
+    lambda a: a > 0,
+    every="Every `{name}` must be positive: a sweep counts forcing periods, unless it has a `duration`.",
+)
+RISING = Rule(lambda a: np.diff(a, axis=0) > 0, every="Every swept `{name}` must rise from knot to knot.")
 RESTITUTION = Rule(
     lambda a: (a >= 0) & (a <= 1),
     "lie between 0 (plastic) and 1 (elastic)",
@@ -175,15 +179,20 @@ def _against(one: dict[int, Reals], other: dict[int, Reals]) -> Reals | None:
     return share if (share > 0).all() and np.all(are_opposite) else None
 
 
-def check_machines(system: Any, x0: Array | np.ndarray) -> None:
-    """Reject invalid values of machines or of their starts, all lanes at once; lanes last."""
+def check_machines(system: Any, x0: Array | np.ndarray, *, counts_periods: bool = True) -> None:
+    """Reject invalid values of machines or of their starts, all lanes at once; lanes last.
+
+    `counts_periods` is true where the load must have a period.
+    """
     if system.has_full_mass:
         check_mass_matrices(np.moveaxis(np.asarray(system.mass), -1, 0))
     else:
         check_every("mass", system.mass, POSITIVE)
-    if system.forcing.why_not_periodic:
+    if counts_periods and system.forcing.why_not_periodic:
         raise ValueError(system.forcing.why_not_periodic)
-    check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
+    check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD if counts_periods else NOT_NEGATIVE)
+    for load in system.forcing.loads:
+        load.check_lanes(check_every)
     for name in ("damping", "stiffness"):
         check_finite(name, np.asarray(getattr(system, name)))
     for j, stop in enumerate(system.stops):

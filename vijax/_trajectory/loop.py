@@ -175,8 +175,7 @@ class LoopTask(AbstractTask):
         """Fly towards the goal, at most to the end of the period."""
         goal = jnp.minimum(goal, len(self.goal_times) - 1)
         goal_periods, goal_time = (row_of_lane(a, goal) for a in (self.goal_periods, self.goal_times))
-        is_last_period = state.periods >= goal_periods
-        target = jnp.where(is_last_period, goal_time, self.machine.period)
+        target, is_last_period = next_target(self.machine, state, (goal_periods, goal_time))
         flight = flight_to(self.flow, self.machine, state, target, self.resolution)
         after, instant = outcome(self.machine, flight)
         return Leg(flight, after, instant, instant.arrived & is_last_period)
@@ -184,6 +183,17 @@ class LoopTask(AbstractTask):
     def next_period(self, leg: Leg) -> State:
         """State after a step, with a new period begun where one is over."""
         return start_period(leg.after, self.phase0, leg.instant.arrived & ~leg.is_goal)
+
+
+def next_target(
+    machine: Machine, state: State, goal: tuple[Int[Array, "..."], Scalar]
+) -> tuple[Scalar, Bool[Array, "..."]]:
+    """Local time at which to end a step at the latest, and whether it is that of the goal, or the end of a period before.
+
+    `goal` is counted in whole periods and a rest, see `in_periods`.
+    """
+    is_last_period = state.periods >= goal[0]
+    return jnp.where(is_last_period, goal[1], machine.period), is_last_period
 
 
 def is_finite(state: State) -> Bool[Array, "..."]:

@@ -151,8 +151,43 @@ class Solution(eqx.Module):
             x, v = sol.evaluate(jnp.linspace(0.0, 50.0, 1001))
             ```
         """
-        x, v, _ = self._at(t)
+        x, v, *_ = self._at(t)
         return x, v
+
+    @property
+    def accelerations(self) -> Float[Array, "*lanes times n"]:
+        """Accelerations at `ts`, see `acceleration`; (times, n), behind the axes of a batch."""
+        if self.t1.ndim == 0:
+            return self.acceleration(self.ts)
+        of_all = evaluate_all
+        for _ in range(self.t1.ndim):
+            of_all = eqx.filter_vmap(of_all)
+        return of_all(self, self.ts)[3]
+
+    def acceleration(self, t: Numbers) -> Float[Array, "... n"]:
+        """Evaluate accelerations at any time, as exactly as the trajectory itself.
+
+        At the time of an event it is that after the event. A mass that a stop holds has that of its stop. An impact, which
+        is a jump of the velocity, has no acceleration: `events.impulse` measures it.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            Accelerations, of the shape of `t` and then (n,), behind the axes of a batch; NaN where `evaluate` is. Of a machine on
+            a moving base they are relative to the base, as positions are.
+
+        Raises:
+            ValueError: as for `evaluate`.
+
+        Example:
+            ```python
+            import vijax as vx
+            sol = vx.simulate(vx.models.wagg_bishop_a(0.8), 0.0, 50.0)
+            acceleration = sol.acceleration(50.0)
+            ```
+        """
+        return self._at(t)[3]
 
     def contact_force(self, t: Numbers) -> Float[Array, "... stops"]:
         """Evaluate the contact force of each stop while it holds its mass; 0 while it does not.
@@ -261,7 +296,8 @@ class Solution(eqx.Module):
         return as_html(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
 
     @padding_allowed
-    def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
+    def _at(self, t: Numbers) -> tuple[Array, Array, Array, Array]:
+        """Positions, velocities, forces of contacts and friction, and accelerations."""
         if self.t1.ndim == 0 and not is_traced((self, t)):
             return _evaluate_known(self, np.asarray(t, self.t0.dtype))
         times = jnp.asarray(t, self.t0.dtype)
@@ -294,8 +330,8 @@ def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
     return ~((t >= t0 - slack) & (t <= t1 + slack)).all()
 
 
-def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at concrete times, `_TIMES` of them at once."""
+def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array, Array, Array]:
+    """Positions, velocities, contact forces and accelerations at concrete times, `_TIMES` of them at once."""
     if _is_outside(solution, times):
         raise ValueError(_OUTSIDE)
     t0, t1, known_until = (np.asarray(a) for a in (solution.t0, solution.t1, solution.known_until))
@@ -311,8 +347,10 @@ def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array
         parts.append(_coasted(solution.prepared, request))
     is_known = (t <= known_until)[:, None]
     whole = (np.where(is_known, np.concatenate(columns), np.nan) for columns in zip(*parts, strict=True))
-    x, v, force = (jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole)
-    return x, v, force
+    x, v, force, acceleration = (
+        jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole
+    )
+    return x, v, force, acceleration
 
 
 class _Times(NamedTuple):
@@ -334,19 +372,19 @@ class _Times(NamedTuple):
 
 
 @jit_lightly
-def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at the times of a request."""
+def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array, Array]:
+    """Positions, velocities, contact forces and accelerations at the times of a request."""
     machine, flow = prepared.unpacked_by_kernel()
     flow = flow.compact()
 
-    def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array]:
+    def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array, Array]:
         return _from_restart(machine, flow, request.phase0, start, t, request.t0, request.max_steps)
 
     return jax.vmap(at)(request.starts, request.times)
 
 
-def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at times; NaN where the motion is unknown."""
+def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array, Array]:
+    """Positions, velocities, contact forces and accelerations at times; NaN where the motion is unknown."""
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
 
 
@@ -357,7 +395,7 @@ def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array
     return jnp.vectorize(of_one, signature="()->(stops),(stops)")(times)
 
 
-def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
+def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array, Array]:
     """Follow the smooth motion from the last event before t."""
     rows = solution.restarts
     t = jnp.clip(t, solution.t0, solution.t1)
@@ -366,11 +404,11 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     start = jax.tree.map(lambda a: a[row], rows)
     request = solution.prepared, rows.phase[0], start, t, solution.t0, solution.max_steps
     found = differentiable(_followed, request)
-    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in found)
-    return x, v, force
+    x, v, force, acceleration = (jnp.where(is_known, a, jnp.nan) for a in found)
+    return x, v, force, acceleration
 
 
-def _followed(request: tuple) -> tuple[Array, Array, Array]:
+def _followed(request: tuple) -> tuple[Array, Array, Array, Array]:
     """Follow the smooth motion by a loop, which JAX differentiates forwards alone."""
     prepared, *rest = request
     machine, flow = prepared.unpacked()
@@ -385,7 +423,7 @@ def _from_restart(
     t: Scalar,
     t0: Reals,
     max_steps: Reals,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Follow the smooth motion from an event to a time before the next."""
     state = state_before_contact(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
@@ -400,10 +438,12 @@ def _from_restart(
     now = machine.in_mode(state)
     state = coast(flow, now, state, phase0, periods, time, max_steps)
     hold = now.hold(state.held)
+    force = now.total_force(state)
+    acceleration = now.acceleration_in_space(state, force, hold)
     if state.mode is not None:
-        return *machine.in_space(state), forces_between_events(machine, state)
-    pressing = now.contacts.contact_force(now.total_force(state), hold, state.phase)
-    return *machine.in_space(state), jnp.where(state.held, pressing, 0)
+        return *machine.in_space(state), forces_between_events(machine, state), acceleration
+    pressing = now.contacts.contact_force(force, hold, state.phase)
+    return *machine.in_space(state), jnp.where(state.held, pressing, 0), acceleration
 
 
 @padding_allowed

@@ -14,6 +14,7 @@ Labelled = xr.Dataset | xr.DataArray
 Units = Mapping[str, str]
 
 LENGTH, VELOCITY, TIME, ANGLE, RATE = "{length}", "{length}/{time}", "{time}", "rad", "1/{time}"
+ACCELERATION = "{length}/{time}²"
 _KINDS = ("length", "time", "mass", "force")
 _QUANTITIES = {
     "mass": ("Mass", "m", "{mass}"),
