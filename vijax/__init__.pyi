@@ -76,6 +76,7 @@ from ._system.restitution import (
 )
 from ._system.states import with_states as with_states
 from ._system.stop import Stop as Stop
+from ._system.symmetry import Symmetry as Symmetry
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 from ._system.tabulated import Tabulated as Tabulated, Waveform as Waveform
 from ._tori.torus import follow_torus as follow_torus
