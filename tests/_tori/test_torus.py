@@ -71,6 +71,15 @@ def test_the_family_begins_at_the_bifurcation_and_ends_at_the_bound(branch, toru
     square = np.ptp(torus.x.values[:2, :, 0], axis=1) ** 2
     limits = [a[0] - square[0] * (a[1] - a[0]) / (square[1] - square[0]) for a in (values, rotation)]
     np.testing.assert_allclose(limits, [point.value, angle], rtol=0, atol=1e-5)
+    # The circle is xi e^{i t} times the eigenvector, plus the complex conjugate.
+    form, wide = point.normal_form, 4 * abs(point.normal_form.direction[0])
+    away = values[:2] - point.value
+    growth = square / away
+    told = -form.rate / form.coefficient * wide**2
+    assert (form.criticality, form.side) == ("supercritical", "below")
+    assert growth[0] - away[0] * (growth[1] - growth[0]) / (away[1] - away[0]) == pytest.approx(
+        told, rel=1e-2
+    )
     assert (values[-1], torus.attrs["end"]) == (1.54, "bounds")
     assert np.all(torus.error.values <= 1e-8)
 

@@ -3,8 +3,8 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -35,6 +35,9 @@ from .kernels import CorrectedCycle
 from .kinds import MONITOR, EndKind, public_kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
+
+if TYPE_CHECKING:
+    from .normal_form import NormalForm
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
 # `_SPARE`: spare room of a log.
@@ -195,7 +198,8 @@ class Bifurcation:
     def kind(self) -> str:
         """Kind of the bifurcation; a zero of a monitor has the prefix "monitor" and the name, with a colon between.
 
-        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
+        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "pitchfork" (the orbits lose or regain
+        a symmetry of the machine), "bp" (another branch point, also where a doubled branch
         meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the
         contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears); of friction
         "crossing_sliding" (a turn becomes a stick), "grazing_sliding" (a slide touches velocity zero, and sticks),
@@ -212,6 +216,29 @@ class Bifurcation:
     def orbit(self) -> PeriodicOrbit:
         """Orbit at the bifurcation."""
         return self.branch.orbit(self.index)
+
+    @cached_property
+    def normal_form(self) -> "NormalForm":
+        """Normal form of a "fold", "pd", "ns" or "pitchfork": what the machine does beside the point, to leading order.
+
+        Its `criticality` tells whether the orbits that branch off are stable, its `side` where they exist, its `amplitude` how
+        far they are. It is made of the second and third derivatives of the return map, which exist through all events, as no
+        impact grazes there. The first call compiles them.
+
+        Raises:
+            ValueError: for another kind, or if 64-bit numbers are off.
+
+        References:
+            Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 5.4.
+        """
+        from .normal_form import normal_form_of  # which needs this class
+
+        return normal_form_of(self)
+
+    @property
+    def criticality(self) -> str:
+        """Criticality of a "pd", "ns" or "pitchfork", "supercritical" or "subcritical", "" for a fold; see `normal_form`."""
+        return self.normal_form.criticality
 
     def __repr__(self) -> str:
         return f"{self.kind} at {self.value:.12g} (point {self.index})"
