@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import vijax as vx
 
@@ -48,11 +49,15 @@ def test_a_doubled_orbit_is_as_far_as_the_normal_form_says():
     assert set(distances > 0) == {form.side == "above"}
 
 
-def test_two_orbits_meet_at_a_fold_as_its_normal_form_says():
+@pytest.fixture(scope="module")
+def branch():
     system = vx.models.impact_oscillator(1.0, 1.0, position=1.0, restitution=0.8, damping_ratio=0.05)
     settled = vx.simulate(system, 0.0, 40 * system.forcing.period)
     orbit = vx.periodic_orbit(system, settled.x1, settled.v1)
-    branch = vx.continuation(orbit, AMPLITUDE, (0.05, 1.0), progress=False)
+    return vx.continuation(orbit, AMPLITUDE, (0.05, 1.0), progress=False)
+
+
+def test_two_orbits_meet_at_a_fold_as_its_normal_form_says(branch):
     (fold,) = (point for point in branch.bifurcations if point.kind == "fold")
     form = fold.normal_form
     assert (form.criticality, form.side) == ("", "above")
@@ -70,6 +75,17 @@ def test_two_orbits_meet_at_a_fold_as_its_normal_form_says():
         ratios.append(apart / 2 / form.amplitude(distance))
         assert sorted(bool(one.is_stable) for one in pair) == [False, True]
     check_convergence(distances, ratios)
+
+
+def test_the_square_root_of_a_grazing_is_that_of_its_closed_form(branch):
+    """x'' + 0.1 x' + x = A cos t reaches x = 1 with A = 0.1 at t = pi / 2, as x = 10 A sin t."""
     (grazing,) = (point for point in branch.bifurcations if point.kind == "gr")
-    with pytest.raises(ValueError, match="where a multiplier is on the unit circle"):
-        grazing.normal_form  # noqa: B018
+    form = grazing.normal_form
+    flow = lambda t: scipy.linalg.expm(t * np.array([[0.0, 1.0], [-1.0, -0.1]]))  # noqa: E731
+    # The gap has the acceleration sin(pi / 2), the impulse takes (1 + r) of the speed sqrt(2 d).
+    told = flow(1.5 * np.pi) @ [0.0, -1.8 * np.sqrt(2)]
+    np.testing.assert_allclose(form.square_root, told, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(form.gradient, -flow(np.pi / 2)[0], rtol=0, atol=1e-10)
+    # At the same start, the change of the response less that of the transient from its start (0, 10).
+    assert form.rate == pytest.approx(-(10.0 - flow(np.pi / 2)[0] @ [0.0, 10.0]), abs=1e-9)
+    assert form.criticality == grazing.criticality == ""

@@ -37,6 +37,7 @@ from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 
 if TYPE_CHECKING:
+    from .grazing_form import GrazingForm
     from .normal_form import NormalForm
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
@@ -218,15 +219,17 @@ class Bifurcation:
         return self.branch.orbit(self.index)
 
     @cached_property
-    def normal_form(self) -> "NormalForm":
-        """Normal form of a "fold", "pd", "ns" or "pitchfork": what the machine does beside the point, to leading order.
+    def normal_form(self) -> "NormalForm | GrazingForm":
+        """Normal form of a "fold", "pd", "ns", "pitchfork" or "gr": what the machine does beside the point, to leading order.
 
         Its `criticality` tells whether the orbits that branch off are stable, its `side` where they exist, its `amplitude` how
-        far they are. It is made of the second and third derivatives of the return map, which exist through all events, as no
-        impact grazes there. The first call compiles them.
+        far they are, see `vx.NormalForm`. It is made of the second and third derivatives of the return map, which exist through
+        all events, as no impact grazes there. At a grazing it is the square root that the stop adds to the map, see
+        `vx.GrazingForm`. The first call compiles them.
 
         Raises:
-            ValueError: for another kind, or if 64-bit numbers are off.
+            ValueError: for another kind, for a grazing of a machine with friction or compliant stops or of several impacts at once,
+                or if 64-bit numbers are off.
 
         References:
             Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 5.4.

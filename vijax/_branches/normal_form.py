@@ -33,6 +33,7 @@ from .._jax.arrays import refuse_single_precision
 from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at
 from .branch import Bifurcation
+from .grazing_form import GrazingForm, grazing_form_of
 from .kernels import curvature, jacobian, slope, third_derivative, trimmed
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, Family
@@ -89,13 +90,15 @@ class NormalForm:
         return f"<NormalForm {words}, orbits {self.side}, coefficient {self.coefficient:.9g}, rate {self.rate:.9g}>"
 
 
-def normal_form_of(point: Bifurcation) -> NormalForm:
+def normal_form_of(point: Bifurcation) -> NormalForm | GrazingForm:
     """Normal form of a bifurcation, see `Bifurcation.normal_form`."""
     refuse_single_precision("normal_form", point.branch.points["x0"])
+    if point.kind == Kind.GRAZING:
+        return grazing_form_of(point)
     if point.kind not in (*_MULTIPLIERS, Kind.NEIMARK_SACKER):
         raise ValueError(
-            f'A normal form belongs to points of kind "fold", "pd", "ns" and "pitchfork", where a multiplier is on the unit circle, '
-            f"but this is a {point.kind!r}."
+            'A normal form belongs to points of kind "fold", "pd", "ns" and "pitchfork", where a multiplier is on the unit circle, '
+            f'and to a "gr", but this is a {point.kind!r}.'
         )
     values = point.branch.values
     low, high = float(values.min()), float(values.max())

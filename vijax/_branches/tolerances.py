@@ -88,6 +88,8 @@ PITCHFORK_NEAR, PITCHFORK_ZERO = 1e-4, 1e-6
 # cycle: distance within which a branch point is one listed before. Share: difference of the times of events of two rounds along
 # the crossing branch that is rounding: else the cycle that is gone round doubles its period there.
 SAME_CROSSING, SAME_ROUNDS = 1e-6, 1e-3
+# share: rate of a guard at its event, relative to the largest, below which another impact grazes with one.
+ANOTHER_GRAZING = 1e-6
 # share: imaginary part of a root, relative to the step, that is rounding.
 REAL_ROOT = 1e-9
 # multiplier: largest distance from -1 of one of the cycle of half the period, at the end of a doubled branch.
