@@ -1,5 +1,7 @@
 """Symmetries of machines: which there are, in words, and that each maps a motion to a motion."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +17,7 @@ SPRINGS, DAMPERS = [[2.0, -1.0], [-1.0, 2.0]], [[0.2, -0.1], [-0.1, 0.2]]
 RING = 2.5 * np.eye(3) - 0.5 * (np.roll(np.eye(3), 1, 0) + np.roll(np.eye(3), -1, 0))
 
 
-def one(load=LOAD, stops=BOTH, **more):
+def one(load: Any = LOAD, stops: Any = BOTH, **more):
     return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, stops, **more)
 
 
@@ -39,7 +41,10 @@ CASES = {
     "two stops": (one(), [f"x0 -> -x0, {HALF}"]),
     "two cushions": (
         one(
-            stops=[vx.CompliantStop(0, s * 0.5, side, 30.0, 0.3) for s, side in ((1, "upper"), (-1, "lower"))]
+            stops=[
+                vx.CompliantStop(0, 0.5, "upper", 30.0, 0.3),
+                vx.CompliantStop(0, -0.5, "lower", 30.0, 0.3),
+            ]
         ),
         [f"x0 -> -x0, {HALF}"],
     ),

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -35,10 +35,6 @@ from .kernels import CorrectedCycle
 from .kinds import MONITOR, EndKind, public_kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
-
-if TYPE_CHECKING:
-    from .grazing_form import GrazingForm
-    from .normal_form import NormalForm
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
 # `_SPARE`: spare room of a log.
@@ -219,7 +215,7 @@ class Bifurcation:
         return self.branch.orbit(self.index)
 
     @cached_property
-    def normal_form(self) -> "NormalForm | GrazingForm":
+    def normal_form(self) -> Any:  # a `NormalForm` or a `GrazingForm`; type checkers would ask for the one
         """Normal form of a "fold", "pd", "ns", "pitchfork" or "gr": what the machine does beside the point, to leading order.
 
         Its `criticality` tells whether the orbits that branch off are stable, its `side` where they exist, its `amplitude` how

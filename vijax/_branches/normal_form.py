@@ -188,7 +188,7 @@ def _normal_form(family: Family, kind: str, sequence: Sequence, place: ExtendedC
         kind=str(kind),
         coefficient=float(np.real(coefficient)),
         rate=float(np.real(rate) / float(family.span)),
-        direction=direction if kind == Kind.NEIMARK_SACKER else direction.real,
+        direction=direction if kind == Kind.NEIMARK_SACKER else np.real(direction),
     )
 
 
@@ -196,7 +196,7 @@ def _eigenvectors(matrix: np.ndarray, kind: str, length: float) -> tuple[complex
     """The critical multiplier, on the unit circle, and its eigenvectors from the right and the left, with product 1."""
     values, right = np.linalg.eig(matrix)
     if kind == Kind.NEIMARK_SACKER:
-        k = int(np.argmin(np.where(values.imag > 0, np.abs(np.abs(values) - 1), np.inf)))
+        k = int(np.argmin(np.where(np.imag(values) > 0, np.abs(np.abs(values) - 1), np.inf)))
         multiplier = values[k] / abs(values[k])
     else:
         multiplier = complex(_MULTIPLIERS[kind])
@@ -229,16 +229,16 @@ def _cubic(
         h = np.linalg.solve(one - matrix, (yield from _bilinear(returned, q, np.conj(q))))
         k = np.linalg.solve(multiplier**2 * one - matrix, (yield from _bilinear(returned, q, q)))
         by_h, by_k = (yield from _bilinear(returned, q, h)), (yield from _bilinear(returned, np.conj(q), k))
-        return left @ ((yield from _trilinear(returned, q)) + 2 * by_h + by_k) / 2
+        return complex(left @ ((yield from _trilinear(returned, q)) + 2 * by_h + by_k) / 2)
     square = yield from _bilinear(returned, q, q)
     if kind == Kind.PITCHFORK:
         bordered = np.block([[one - matrix, q[:, None]], [left[None], np.zeros((1, 1))]])
         h = np.linalg.solve(bordered, np.append(square, 0.0))[:-1]
     else:
         h = np.linalg.solve(one - matrix, square)
-    u = returned.lifted(q.real)
+    u = returned.lifted(np.real(q))
     cube = yield from returned.third(u, u, u)
-    return left @ (cube + 3 * (yield from _bilinear(returned, q, h))) / 6
+    return complex(left @ (cube + 3 * (yield from _bilinear(returned, q, h))) / 6)
 
 
 def _bilinear(returned: _ReturnMap, u: np.ndarray, v: np.ndarray) -> Requests[np.ndarray]:
@@ -258,6 +258,6 @@ def _second(returned: _ReturnMap, u: np.ndarray, v: np.ndarray) -> Requests[np.n
 
 def _trilinear(returned: _ReturnMap, q: np.ndarray) -> Requests[np.ndarray]:
     """Third derivative C along q, q and its conjugate, q = a + i b: C(a, a, a) + C(a, b, b) + i (C(a, a, b) + C(b, b, b))."""
-    a, b = returned.lifted(q.real), returned.lifted(q.imag)
+    a, b = returned.lifted(np.real(q)), returned.lifted(np.imag(q))
     real = (yield from returned.third(a, a, a)) + (yield from returned.third(a, b, b))
     return real + 1j * ((yield from returned.third(a, a, b)) + (yield from returned.third(b, b, b)))

@@ -61,7 +61,7 @@ def _has(orbit: PeriodicOrbit, symmetry: Symmetry) -> bool:
     n = orbit.num_periods
     # Without forcing the shift is a part of the period: a symmetry of order m has returned after m of them.
     later = np.arange(n) if n else np.arange(symmetry.order) / symmetry.order
-    first, *others = _states(orbit, [float(symmetry.shift) if n else 0.0, *later])
+    first, *others = _states(orbit, [float(symmetry.shift) if n else 0.0, *later.tolist()])
     x, v = np.split(first, 2)
     image = np.concatenate([symmetry.matrix @ x + symmetry.offset, symmetry.matrix @ v])
     size = np.abs(others).reshape(-1, 2, len(x)).max(axis=(0, 2)).repeat(len(x))

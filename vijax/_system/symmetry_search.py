@@ -117,7 +117,7 @@ class _Machine(NamedTuple):
         return cls(
             matrices=matrices,
             is_state=system.is_state,
-            load=lambda at: sum(load_at(load, at, frequency) for load in system.forcing.loads),
+            load=lambda at: np.sum([load_at(load, at, frequency) for load in system.forcing.loads], axis=0),
             common=(common or (1 if force is not None else 0)) if is_periodic else 0,
             limits=stops + rubbing,
             num_stops=len(stops),
@@ -232,7 +232,7 @@ def _signed_permutations(machine: _Machine) -> Iterator[np.ndarray]:
 
 def _connected_order(matrices: np.ndarray) -> list[int]:
     """Coordinates in an order in which each is coupled to one before, where it is coupled at all."""
-    coupled = (np.abs(matrices) > 0).any(axis=0)
+    coupled = np.abs(matrices).max(axis=0) > 0
     coupled = coupled | coupled.T
     order: list[int] = []
     while len(order) < len(coupled):
