@@ -61,7 +61,7 @@ def _has(orbit: PeriodicOrbit, symmetry: Symmetry) -> bool:
     n = orbit.num_periods
     # Without forcing the shift is a part of the period: a symmetry of order m has returned after m of them.
     later = np.arange(n) if n else np.arange(symmetry.order) / symmetry.order
-    first, *others = _states(orbit, [float(symmetry.shift) if n else 0.0, *later.tolist()])
+    first, *others = _states(orbit, [float(symmetry.shift) if n else 0.0, *map(float, later)])
     x, v = np.split(first, 2)
     image = np.concatenate([symmetry.matrix @ x + symmetry.offset, symmetry.matrix @ v])
     size = np.abs(others).reshape(-1, 2, len(x)).max(axis=(0, 2)).repeat(len(x))
@@ -74,7 +74,7 @@ def _states(orbit: PeriodicOrbit, shares: list[float]) -> np.ndarray:
     t0 = float(orbit.phase / orbit.system.forcing.frequency) if orbit.num_periods else 0.0
     ts, back = np.unique(t0 + unit * np.asarray(shares), return_inverse=True)
     if ts[-1] == t0:
-        states = np.concatenate([orbit.x0, orbit.v0])[None]
+        states = np.concatenate([np.asarray(orbit.x0), np.asarray(orbit.v0)])[None]
         return states[back]
     sol = simulate(
         orbit.system,
@@ -88,4 +88,4 @@ def _states(orbit: PeriodicOrbit, shares: list[float]) -> np.ndarray:
         max_events=max(orbit.events.t.shape[-1], 1),
         throw=False,
     )
-    return np.concatenate([sol.xs, sol.vs], axis=1)[back]
+    return np.concatenate([np.asarray(sol.xs), np.asarray(sol.vs)], axis=1)[back]
