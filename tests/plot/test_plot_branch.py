@@ -159,6 +159,7 @@ def test_each_kind_of_bifurcation_has_its_mark_on_every_line():
         "pd": "period doubling",
         "ns": "Neimark-Sacker",
         "bp": "branch point",
+        "pitchfork": "pitchfork",
         "gr": "grazing",
         "double_impact": "double impact",
         "force_zero": "force zero",

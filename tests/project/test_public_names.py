@@ -28,8 +28,8 @@ def in_a_new_process(program: str, **where) -> str:
 PUBLIC = {
     "vijax": """
         Bifurcation Branch CLOSE CompliantContact CompliantStop Contact DiffraxFlow EventLog
-        ExecutionSettings Friction Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
-        SimulationError Solution StickingRegion Stop TaylorFlow attractors base_excitation basins
+        ExecutionSettings Friction GrazingForm Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow NormalForm ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
+        SimulationError Solution StickingRegion Stop Symmetry TaylorFlow attractors base_excitation basins
         bifurcation_curve bifurcation_value branches chain chart classify combine continuation critical_shock
         edge_state ensemble explore find_periodic_orbits follow_attractors follow_torus homoclinic_tangencies impact_configurations impact_map impacts integrity
         keep_compiled load lyapunov_exponents manifolds modal_restitution_matrix models monodromy_matrix

@@ -38,7 +38,7 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
     _, family, sequence, place = family_at(point, low, high)
     if point.kind in (Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER):
         condition = _at_multiplier(point)
-    elif point.kind == Kind.BRANCH_POINT:
+    elif point.kind in (Kind.BRANCH_POINT, Kind.PITCHFORK):
         size = len(place.z)
         condition = AtBranchPoint(np.zeros(1), np.zeros(size), np.zeros((2, size + 1)))
     else:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import equinox as eqx
@@ -195,7 +195,8 @@ class Bifurcation:
     def kind(self) -> str:
         """Kind of the bifurcation; a zero of a monitor has the prefix "monitor" and the name, with a colon between.
 
-        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
+        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "pitchfork" (the orbits lose or regain
+        a symmetry of the machine), "bp" (another branch point, also where a doubled branch
         meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the
         contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears); of friction
         "crossing_sliding" (a turn becomes a stick), "grazing_sliding" (a slide touches velocity zero, and sticks),
@@ -212,6 +213,31 @@ class Bifurcation:
     def orbit(self) -> PeriodicOrbit:
         """Orbit at the bifurcation."""
         return self.branch.orbit(self.index)
+
+    @cached_property
+    def normal_form(self) -> Any:  # a `NormalForm` or a `GrazingForm`; type checkers would ask for the one
+        """Normal form of a "fold", "pd", "ns", "pitchfork" or "gr": what the machine does beside the point, to leading order.
+
+        Its `criticality` tells whether the orbits that branch off are stable, its `side` where they exist, its `amplitude` how
+        far they are, see `vx.NormalForm`. It is made of the second and third derivatives of the return map, which exist through
+        all events, as no impact grazes there. At a grazing it is the square root that the stop adds to the map, see
+        `vx.GrazingForm`. The first call compiles them.
+
+        Raises:
+            ValueError: for another kind, for a grazing of a machine with friction or compliant stops or of several impacts at once,
+                or if 64-bit numbers are off.
+
+        References:
+            Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 5.4.
+        """
+        from .normal_form import normal_form_of  # which needs this class
+
+        return normal_form_of(self)
+
+    @property
+    def criticality(self) -> str:
+        """Criticality of a "pd", "ns" or "pitchfork", "supercritical" or "subcritical", "" for a fold; see `normal_form`."""
+        return self.normal_form.criticality
 
     def __repr__(self) -> str:
         return f"{self.kind} at {self.value:.12g} (point {self.index})"

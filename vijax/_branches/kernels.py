@@ -1,5 +1,6 @@
 """Kernels: the compiled functions of a cycle that branches request, batched over many branches."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -267,6 +268,50 @@ def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[
         return jnp.concatenate([found.closing / family.scale, found.events])
 
     return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
+
+
+def slope(
+    family: Family, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle
+) -> Float[Array, " equations"]:
+    """Derivative of the equations of `jacobian` along a direction, which may move the parameter."""
+    return _along(_equations_at(family, sequence, place), direction)(place)
+
+
+def curvature(
+    family: Family, sequence: Sequence, place: ExtendedCycle, u: ExtendedCycle, v: ExtendedCycle
+) -> Float[Array, " equations"]:
+    """Second derivative of the equations of `jacobian` along two directions, one of which may move the parameter."""
+    return _along(_along(_equations_at(family, sequence, place), u), v)(place)
+
+
+def third_derivative(
+    family: Family,
+    sequence: Sequence,
+    place: ExtendedCycle,
+    u: ExtendedCycle,
+    v: ExtendedCycle,
+    w: ExtendedCycle,
+) -> Float[Array, " equations"]:
+    """Third derivative of the equations of `jacobian` along three directions at fixed parameter."""
+    return _along(_along(_along(_equations_at(family, sequence, place), u), v), w)(place)
+
+
+def _equations_at(
+    family: Family, sequence: Sequence, place: ExtendedCycle
+) -> Callable[[ExtendedCycle], Array]:
+    """Scaled residuals as a function of the cycle, linear in the parameter about that of a place."""
+    equations = _Equations.of(family, sequence, place)
+
+    def at(place: ExtendedCycle) -> Array:
+        found = residual(equations.at(place.p), family.unknowns(place))
+        return jnp.concatenate([found.closing / family.scale, found.events])
+
+    return at
+
+
+def _along(f: Callable[[ExtendedCycle], Array], direction: ExtendedCycle) -> Callable[[ExtendedCycle], Array]:
+    """Derivative of a function along a direction."""
+    return lambda place: jax.jvp(f, (place,), (direction,))[1]
 
 
 def room_for(num_events: int) -> int:

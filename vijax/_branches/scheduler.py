@@ -9,7 +9,7 @@ from .batches import Stock, call, makes_of, stacked
 from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, padded, room_for, simulate_motion, trimmed
 from .parameter_family import Family
 from .point import TooManyEvents
-from .requests import KernelCall, Requests, T
+from .requests import HostCall, KernelCall, Requests, T
 from .step_batch import PARTS, StepBatch
 from .steps import PlainSteps
 
@@ -26,7 +26,7 @@ def drive(families: Many[Family], tasks: Many[Requests[T]], tell_progress: Calla
     while True:
         for k, reply in replies.items():
             try:
-                request = _next_request(tasks[k], reply)
+                request = _next_request(families[k], tasks[k], reply)
             except StopIteration as end:
                 results[k] = end.value
                 continue
@@ -46,9 +46,11 @@ def drive(families: Many[Family], tasks: Many[Requests[T]], tell_progress: Calla
         tell_progress()
 
 
-def _next_request(task: Requests[Any], reply: Any) -> KernelCall[Any] | PlainSteps:
+def _next_request(family: Family, task: Requests[Any], reply: Any) -> KernelCall[Any] | PlainSteps:
     """Next request of a task after a reply; one with too many events throws `TooManyEvents` into this task alone."""
     request = task.send(reply)
+    while isinstance(request, HostCall):
+        request = task.send(request.function(family))
     while len(request.sequence.kind) > MOST_EVENTS:
         request = task.throw(TooManyEvents("max_events"))
     assert isinstance(request, KernelCall | PlainSteps)

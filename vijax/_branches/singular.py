@@ -83,13 +83,20 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Re
     s = _root_of(np.array([s for s, _ in known]), np.array([test.of(seen) for _, seen in known]), length)
     if not np.isfinite(s):
         return End(EndKind.NOT_CONVERGED)
-    guess = between(point, new, s / length)
+    found = yield from branch_point_near(point, between(point, new, s / length), CROSSING_NEAR)
+    return End(EndKind.NOT_CONVERGED) if found is None else found
+
+
+def branch_point_near(
+    point: BranchPoint, guess: ExtendedCycle, within: float
+) -> Requests[BranchPoint | None]:
+    """The branch point within a distance of a guess, on the branch behind a point; None if there is none."""
     place, is_found = yield from ask(KernelCall(crossing, point.sequence, (guess,)))
     place = trimmed(place, len(point.sequence.kind))
-    if not is_found or not place.distance(guess) < CROSSING_NEAR:
-        return End(EndKind.NOT_CONVERGED)
-    s = place.along(point.tangent) - point.place.along(point.tangent)
-    return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
+    if not is_found or not place.distance(guess) < within:
+        return None
+    arc = point.arc + float(place.along(point.tangent) - point.place.along(point.tangent))
+    return (yield from _point_at(point.sequence, place, point.tangent, arc, Kind.BRANCH_POINT))
 
 
 def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoint | End | None]:

@@ -48,6 +48,7 @@ MARKERS: dict[str, str] = {
     Kind.PERIOD_DOUBLING: "D",
     Kind.NEIMARK_SACKER: "p",
     Kind.BRANCH_POINT: "*",
+    Kind.PITCHFORK: "P",
     Kind.GRAZING: "v",
     Kind.DOUBLE_IMPACT: "d",
     Kind.FORCE_ZERO: "^",
