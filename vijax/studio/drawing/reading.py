@@ -54,7 +54,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         is_compliant=np.array([stop.is_compliant for stop in system.stops], bool),
         is_damped=np.array([bool(getattr(stop, "damping", 0) > 0) for stop in system.stops], bool),
         friction=tuple(
-            Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
+            Rubbing(_row(n, one.coefficients), float(one.slip), float(one.velocity), one.contact)
             for one in system.friction
         ),
         omitted=omitted,
