@@ -84,6 +84,7 @@ _MEANINGS = {
     "event_velocity_minus": "velocity before the event",
     "event_velocity_plus": "velocity after the event",
     "event_impulse": "mass times change of velocity",
+    "event_friction_impulse": "impulse of the friction of the contact",
     "x1": "position at the end",
     "v1": "velocity at the end",
     "stuck1": "whether the stop holds its mass at the end",

@@ -395,7 +395,8 @@ def flow_map(
     change = turned(phase, jnp.stack([turn, slide]))
     x, v = jnp.split(place.z, 2)
     state = state_in_mode(machine, phase, x, v, mode, place.time * machine.period)
-    machine, hold = machine.in_mode(state), machine.hold(state.held)
+    machine = machine.in_mode(state)
+    hold = machine.hold(state.held)
     displacement, gain = flow.flow_map(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change
 
@@ -406,7 +407,8 @@ def _flow_map_across_knots(
     """`flow_map` under loads by tables."""
     phase, (x, v), time = phase_of(machine, place.time), jnp.split(place.z, 2), place.time * machine.period
     state = state_in_mode(machine, phase, x, v, mode, time)
-    machine, hold = machine.in_mode(state), machine.hold(state.held)
+    machine = machine.in_mode(state)
+    hold = machine.hold(state.held)
     displacement, gain, end = flow_map_across_knots(
         flow, machine, state, hold, duration * machine.period, time
     )
