@@ -42,6 +42,7 @@ class _Search(NamedTuple):
 def search_acts(
     judge: Callable[[Array], Judged],
     elements: Bool[Array, "contacts ..."],
+    first: Int[Array, "contacts ..."],
     most: Int[Array, "..."],
     nothing: Any,
     *,
@@ -53,6 +54,7 @@ def search_acts(
     Args:
         judge: judges a set.
         elements: flags of the elements that have a choice.
+        first: the set to begin with, all acts 0.
         most: score that no set exceeds.
         nothing: what a set means, before any is judged.
         enumerated: number of elements up to which all sets are tried.
@@ -79,9 +81,8 @@ def search_acts(
         is_last = carry.is_last | (is_listed & is_last)
         return _Search(turn, start, jnp.where(starts_anew, start, pivoted), is_last, best)
 
-    still = jnp.zeros(elements.shape, jnp.int8)
     lowest = jnp.full_like(count, 2 * len(elements) * CONFLICT)
-    search = _Search(jnp.array(0), still, still, jnp.zeros_like(count, bool), Judged(lowest, still, nothing))
+    search = _Search(jnp.array(0), first, first, jnp.zeros_like(count, bool), Judged(lowest, first, nothing))
     return jax.lax.while_loop(goes_on, turned, search).best
 
 

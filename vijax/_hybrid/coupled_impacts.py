@@ -14,6 +14,8 @@ bounces. A relative velocity at the level of rounding makes its impact plastic, 
 pressed together also stop bouncing.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -105,27 +107,35 @@ def impact(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[State, Instant, Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """State after the impacts, their velocities and impulses, the closed contacts that they tear open, and all impulses."""
-    speed, restitution, closed = struck_speeds(machine, state, instant)
+    struck = struck_speeds(machine, state, instant)
+    speed, restitution, closed = struck
     q = -(1 + restitution) * speed
     _, impulse, rest = solve_complementarity(machine.contacts.compliance, q, instant.hit | closed)
-    after, instant, is_open = after_impulses(machine, state, instant, impulse, rest)
+    after, instant, is_open = after_impulses(machine, state, instant, struck, impulse, rest)
     return after, instant, is_open, impulse
 
 
-def struck_speeds(
-    machine: Machine, state: State, instant: Instant
-) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Bool[Array, "stops ..."]]:
-    """Speeds of approach to the contacts hit, their restitution coefficients, and flags of the contacts closed before."""
+class Struck(NamedTuple):
+    """Before an impact: speeds of approach to the contacts hit, their restitution coefficients, and flags of closed contacts."""
+
+    speed: Float[Array, "stops ..."]
+    restitution: Float[Array, "stops ..."]
+    closed: Bool[Array, "stops ..."]
+
+
+def struck_speeds(machine: Machine, state: State, instant: Instant) -> Struck:
+    """What the law of impacts takes."""
     contacts = machine.contacts
     speed = jnp.where(instant.hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
-    return speed, restitution, contacts.is_rigid & (state.held | state.is_kept_closed)
+    return Struck(speed, restitution, contacts.is_rigid & (state.held | state.is_kept_closed))
 
 
 def after_impulses(
     machine: Machine,
     state: State,
     instant: Instant,
+    struck: Struck,
     impulse: Float[Array, "stops ..."],
     rest: Float[Array, "stops ..."],
 ) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
@@ -134,7 +144,7 @@ def after_impulses(
     `rest` is by how much contacts open faster than by their restitution.
     """
     contacts, hit = machine.contacts, instant.hit
-    speed, restitution, closed = struck_speeds(machine, state, instant)
+    speed, restitution, closed = struck
     v = state.v - contacts.inverse_mass_times(contacts.back(impulse))
     is_open = closed & (rest > 0)
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)

@@ -88,6 +88,7 @@ def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
     best = search_acts(
         judge,
         elements,
+        still,
         most,
         nothing,
         enumerated=_ENUMERATED_OF_TIED if is_tied else _ENUMERATED,

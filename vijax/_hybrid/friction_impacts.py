@@ -54,7 +54,8 @@ def impact_with_friction(
 ) -> tuple[State, Instant, Bool[Array, "stops ..."], Float[Array, "stops ..."], Bool[Array, "stops ..."]]:
     """As `impact` of `coupled_impacts.py`; and flags of friction whose sliding velocity the impact takes to 0."""
     contacts = machine.contacts
-    speed, restitution, closed = struck_speeds(machine, state, instant)
+    struck = struck_speeds(machine, state, instant)
+    speed, restitution, closed = struck
     members = _concerned(machine, instant.hit, closed)
     elements = members | (contacts.are_tied & contacts.at_normal(members))
     sliding = contacts.speeds(state.v, machine.phase_rate(state.phase))
@@ -62,7 +63,7 @@ def impact_with_friction(
     wanted = jnp.where(contacts.are(FRICTION), sliding, (1 + restitution) * speed)
     act, is_paradox = _acts(*stop_gradients((machine, wanted)), elements)
     found = _impulses(machine, wanted, elements, act)
-    after, instant, is_open = after_impulses(machine, state, instant, found.of_all, found.rest)
+    after, instant, is_open = after_impulses(machine, state, instant, struck, found.of_all, found.rest)
     is_paradox = state.mode.paradox | (is_paradox & jnp.any(instant.hit, axis=0))
     after = eqx.tree_at(lambda s: s.mode.paradox, after, is_paradox)
     rubbed = jnp.where(contacts.are_tied & contacts.at_normal(instant.hit), found.of_all, 0)
@@ -99,11 +100,13 @@ def _acts(
 ) -> tuple[Int[Array, "contacts ..."], Bool[Array, "..."]]:
     """Acts of the elements that agree with the law, and whether there are none: 0 pushes or sticks, -1 opens, +-1 slips."""
     worth = jnp.where(machine.contacts.are(FRICTION), STICKS, HOLDS)
+    first = jnp.zeros(elements.shape, jnp.int8)
     best = search_acts(
         lambda act: _judged(machine, wanted, elements, act),
         elements,
+        first,
         jnp.sum(jnp.where(elements, worth, 0), axis=0),
-        jnp.zeros(elements.shape, jnp.int8),
+        first,
         enumerated=_ENUMERATED,
         has_two=~machine.contacts.are(FRICTION),
     )

@@ -68,7 +68,8 @@ def loaded(
     state = eqx.tree_at(lambda s: s.mode.direction, slipping, jnp.where(rests, jnp.int8(0), direction))
     contact = jnp.where(begins, jnp.int8(0), state.contact)
     state = eqx.tree_at(lambda s: s.contact, state, contact)
-    return Loaded(state, settles | rests, jnp.where(rests, longest, chatter.duration))
+    settles = settles | rests
+    return Loaded(state, settles, jnp.where(completed & settles, longest, chatter.duration))
 
 
 def _stops_before(
