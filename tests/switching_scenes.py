@@ -126,7 +126,9 @@ def _row(element: dict) -> dict[int, float]:
 
 def data_of(name: str) -> dict:
     """Fields of the file of a scene."""
-    paths = (_DATA / folder / f"{name}.json" for folder in ("golden_switching", "golden_mixed", "golden_coulomb"))
+    paths = (
+        _DATA / folder / f"{name}.json" for folder in ("golden_switching", "golden_mixed", "golden_coulomb")
+    )
     (path,) = (path for path in paths if path.exists())
     return json.loads(path.read_text())
 

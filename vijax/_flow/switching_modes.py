@@ -29,7 +29,13 @@ def switching_modal_flow(
     known = [concrete(a) for a in (system.mass, system.damping, system.stiffness)]
     matrices, elements = [a for a in known if a is not None], _elements(system)
     is_tied = any(element.is_tied for element in system.friction)
-    if is_by_tables(system) or is_tied or elements is None or len(matrices) < len(known) or system.has_full_mass:
+    if (
+        is_by_tables(system)
+        or is_tied
+        or elements is None
+        or len(matrices) < len(known)
+        or system.has_full_mass
+    ):
         return None
     with concrete_evaluation():
         has_lanes = matrices[0].ndim == 2

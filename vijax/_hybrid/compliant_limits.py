@@ -88,9 +88,7 @@ LAG = Limit(
     is_active=lambda machine, state: state.mode.inside,
     value=lambda machine, state, hold: -SPRING.value(machine, state, hold),
     slope=lambda machine, state, hold, now: -SPRING.slope(machine, state, hold, now),
-    derivatives=lambda machine, state, hold, now: [
-        -a for a in spring_derivatives(machine, state, hold, now)
-    ],
+    derivatives=lambda machine, state, hold, now: [-a for a in spring_derivatives(machine, state, hold, now)],
     order=3,
     rest=spring_rest,
     series=lambda machine, state, hold, series: scaled(-1, spring_series(machine, state, hold, series)),

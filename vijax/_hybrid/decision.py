@@ -160,8 +160,13 @@ def _judged(
     ahead, behind = [-forces[1], -forces[2]], [forces[1], forces[2]]
     if parted is not None:
         pushing = [own, spring_rates(moves[:1]), spring_rates(moves[:2])]
-        grips = _tied_grips(machine, state, [jnp.where(holds, f, p) for f, p in zip(forces, pushing, strict=True)], moves)
-        errors = [e + laws.static_coefficient * jnp.where(contacts.are_tied, contacts.at_normal(e), 0) for e in errors]
+        grips = _tied_grips(
+            machine, state, [jnp.where(holds, f, p) for f, p in zip(forces, pushing, strict=True)], moves
+        )
+        errors = [
+            e + laws.static_coefficient * jnp.where(contacts.are_tied, contacts.at_normal(e), 0)
+            for e in errors
+        ]
         near = errors[0] * float(jnp.finfo(force.dtype).eps) ** -0.5
         room = [r + grips[0] for r in room]
         ahead, behind = ([a + g for a, g in zip(rates, grips[1:], strict=True)] for rates in (ahead, behind))

@@ -114,7 +114,9 @@ class Friction(eqx.Module):
         numbers = dict(zip(names, (force, static, coefficient, static_coefficient), strict=True))
         for name, number in numbers.items():
             setattr(self, name, None if number is None else as_float(number, name))
-        self.contact = None if coefficient is None else whole_number("contact", 0 if contact is None else contact)
+        self.contact = (
+            None if coefficient is None else whole_number("contact", 0 if contact is None else contact)
+        )
 
     def __check_init__(self):
         check_row(self.masses, self.row)
@@ -162,7 +164,9 @@ class Friction(eqx.Module):
 def _refuse_other(is_wrong: bool, given: tuple[str, Any], remedy: str) -> None:
     """Reject an argument of the other kind of friction."""
     if is_wrong and given[1] is not None:
-        of, kind = ("force", "a constant normal force") if given[0] == "static" else ("coefficient", "contacts")
+        of, kind = (
+            ("force", "a constant normal force") if given[0] == "static" else ("coefficient", "contacts")
+        )
         raise ValueError(
             f"Argument `{given[0]}` is for friction of {kind}, with `{of}`: give `{remedy}` instead."
         )

@@ -59,7 +59,7 @@ def _check_one(number: int, own: np.ndarray, beside: np.ndarray, coefficients: l
 def _product(
     mass: np.ndarray, one: dict[int, Any], other: dict[int, Any], *, has_full_mass: bool
 ) -> np.ndarray:
-    """a M^-1 b of two rows, lanes last."""
+    """Product a M^-1 b of two rows, lanes last."""
     if not has_full_mass:
         shared = [concrete(one[i]) * concrete(other[i]) / mass[i] for i in one if i in other]
         return np.asarray(sum(shared, np.zeros(())))

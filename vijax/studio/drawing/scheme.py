@@ -218,8 +218,7 @@ class Scheme(NamedTuple):
         inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
         negative += [self.omitted] if self.omitted else []
         rubbing = [
-            f"friction {k}: of ${in_symbols(one.row)}$, {one.law}"
-            for k, one in enumerate(self.friction)
+            f"friction {k}: of ${in_symbols(one.row)}$, {one.law}" for k, one in enumerate(self.friction)
         ]
         return [
             *rows,
