@@ -47,7 +47,7 @@ PUBLIC = {
         cantilever capsule_robot duffing_oscillator friction_damped_pair friction_oscillator gear_pair
         impact_damper impact_oscillator impact_pair impacting_pendulum multi_piston percussive_drill
         soft_impact_oscillator two_sided_oscillator uniform_chain vibro_impact_harvester wagg_bishop_a
-        wagg_bishop_b
+        wagg_bishop_b woodpecker
     """,
 }
 PARTS = pytest.mark.parametrize("part", [vx, vx.plot, vx.models], ids=lambda part: part.__name__)

@@ -29,6 +29,7 @@ from .._machine.state import State
 from .._machine.switching import FRICTION
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
 from .coupled_impacts import after_impulses, struck_speeds
+from .friction_limits import sliding_velocity
 from .transition import Instant
 
 # Number of elements up to which all sets are tried: three contacts with friction each.
@@ -58,7 +59,7 @@ def impact_with_friction(
     speed, restitution, closed = struck
     members = _concerned(machine, instant.hit, closed)
     elements = members | (contacts.are_tied & contacts.at_normal(members))
-    sliding = contacts.speeds(state.v, machine.phase_rate(state.phase))
+    sliding = sliding_velocity(machine, state)
     # Speeds that the impulses take away where contacts push and friction sticks.
     wanted = jnp.where(contacts.are(FRICTION), sliding, (1 + restitution) * speed)
     act, is_paradox = _acts(*stop_gradients((machine, wanted)), elements)
@@ -69,6 +70,18 @@ def impact_with_friction(
     rubbed = jnp.where(contacts.are_tied & contacts.at_normal(instant.hit), found.of_all, 0)
     instant = eqx.tree_at(lambda i: i.friction_impulse, instant, rubbed)
     return after, instant, is_open, found.of_all, found.sticks
+
+
+def rebound_with_friction(
+    machine: Machine, state: State, hit: Bool[Array, "contacts ..."]
+) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "contacts ..."]]:
+    """Positions and velocities after impacts on the contacts `hit`, and the impulses of all elements."""
+    none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
+    speed = sliding_velocity(machine, state)
+    time = jnp.zeros_like(state.time, bool)
+    instant = Instant(hit, none, none, speed, speed, zeros, time, state.time, zeros, None, zeros)
+    after, _, _, impulse, _ = impact_with_friction(machine, state, instant)
+    return after.x, after.v, impulse
 
 
 def _concerned(machine: Machine, hit: Array, closed: Array) -> Bool[Array, "contacts ..."]:

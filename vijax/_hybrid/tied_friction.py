@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._machine.machine import Machine
-from .._machine.state import UNLOADED, State
+from .._machine.state import FREE, UNLOADED, State, with_laws
 from .friction_chatter import Chatter
 from .friction_limits import sliding_velocity
 
@@ -34,6 +34,15 @@ def unloaded(machine: Machine, state: State, presses: Bool[Array, "contacts ..."
     contact = jnp.where(is_idle, jnp.int8(UNLOADED), state.contact)
     names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
     return eqx.tree_at(names, state, (direction, state.held & ~is_idle, contact))
+
+
+def in_laws(machine: Machine, state: State, numbers: Int[Array, "contacts ..."]) -> State:
+    """State in which the elements do what `laws_as_numbers` tells; free friction of contacts is that of open ones."""
+    state = with_laws(state, numbers)
+    if not machine.has_tied_friction:
+        return state
+    is_idle = machine.contacts.are_tied & (numbers == FREE)
+    return eqx.tree_at(lambda s: s.contact, state, jnp.where(is_idle, jnp.int8(UNLOADED), state.contact))
 
 
 def loaded(

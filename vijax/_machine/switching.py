@@ -14,7 +14,7 @@ matrix S of the forces S N of all elements that the forces N of contacts bring a
 of S^T A: G = A M^-1 A^T S, which is not symmetric, and a closed compliant contact adds k (a + mu s g)^T a.
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -57,8 +57,8 @@ class Laws(eqx.Module):
     grip: Reals
     velocity: Reals
     normal: tuple[int, ...] | None = eqx.field(static=True, default=None)
-    coefficient: Reals | None = None
-    static_coefficient: Reals | None = None
+    coefficient: Any = None
+    static_coefficient: Any = None
 
     @property
     def num_stops(self) -> int:
@@ -88,7 +88,7 @@ def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
     def velocity() -> Reals:
         return of_contacts([*[0.0] * len(stops), *(element.velocity for element in friction)])
 
-    normal = [-1] * len(stops) + [element.contact if element.is_tied else -1 for element in friction]
+    normal = [-1] * len(stops) + [-1 if element.contact is None else element.contact for element in friction]
     has_tied = max(normal) >= 0
     kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in stops] + [FRICTION] * len(friction)
     return Laws(

@@ -74,16 +74,7 @@ def num_stops_of(numbers: MachineNumbers) -> int:
 
 
 def friction_of(numbers: MachineNumbers) -> np.ndarray:
-    """Flags of the friction elements of a machine, (elements,); empty if all its contacts are rigid.
-
-    Raises:
-        ValueError: for friction of contacts, whose impacts and events the equations of cycles do not have.
-    """
-    if numbers.has_tied_friction:
-        raise ValueError(
-            "Orbits and branches of machines with friction of contacts are not followed yet: follow a motion by `vx.simulate` or "
-            "`vx.sweep`, and take `vx.monodromy_matrix` at a start on the orbit."
-        )
+    """Flags of the friction elements of a machine, (elements,); empty if all its contacts are rigid."""
     return np.array(() if numbers.laws is None else numbers.laws.kinds) == FRICTION
 
 

@@ -108,7 +108,10 @@ class Friction(eqx.Module):
             )
         _refuse_other(force is None, ("static", static), "static_coefficient")
         _refuse_other(coefficient is None, ("static_coefficient", static_coefficient), "static")
-        _refuse_other(coefficient is None, ("contact", contact), "coefficient")
+        if contact is not None and coefficient is None:
+            raise ValueError(
+                "Argument `contact` is for friction tied to a contact: give `coefficient` instead of `force`."
+            )
         self.velocity = as_float(velocity, "velocity")
         names = ("force", "static", "coefficient", "static_coefficient")
         numbers = dict(zip(names, (force, static, coefficient, static_coefficient), strict=True))
@@ -164,12 +167,8 @@ class Friction(eqx.Module):
 def _refuse_other(is_wrong: bool, given: tuple[str, Any], remedy: str) -> None:
     """Reject an argument of the other kind of friction."""
     if is_wrong and given[1] is not None:
-        of, kind = (
-            ("force", "a constant normal force") if given[0] == "static" else ("coefficient", "contacts")
-        )
-        raise ValueError(
-            f"Argument `{given[0]}` is for friction of {kind}, with `{of}`: give `{remedy}` instead."
-        )
+        kind = "of constant force" if given[0] == "static" else "tied to a contact"
+        raise ValueError(f"Argument `{given[0]}` is for friction {kind}: give `{remedy}` instead.")
 
 
 def _check_pair(

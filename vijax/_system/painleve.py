@@ -61,7 +61,7 @@ def _product(
 ) -> np.ndarray:
     """Product a M^-1 b of two rows, lanes last."""
     if not has_full_mass:
-        shared = [concrete(one[i]) * concrete(other[i]) / mass[i] for i in one if i in other]
+        shared = [np.asarray(one[i]) * np.asarray(other[i]) / mass[i] for i in one if i in other]
         return np.asarray(sum(shared, np.zeros(())))
     first, second = (_vector(row, len(mass)) for row in (one, other))
     inverse = np.linalg.inv(np.moveaxis(mass, (0, 1), (-2, -1)))

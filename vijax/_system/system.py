@@ -163,7 +163,7 @@ class ImpactSystem(eqx.Module):
                     f"`friction[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
                 )
 
-            if element.is_tied and element.contact >= len(self.stops):
+            if element.contact is not None and element.contact >= len(self.stops):
                 stops = "no stops" if not self.stops else f"stops 0 to {len(self.stops) - 1}"
                 raise ValueError(
                     f"`friction[{k}].contact` is {element.contact}, but the machine has {stops}: it must be the number of the stop whose "

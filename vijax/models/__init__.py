@@ -38,6 +38,7 @@ from ._percussion import (
     vibro_impact_harvester as vibro_impact_harvester,
 )
 from ._pistons import multi_piston as multi_piston
+from ._woodpecker import woodpecker as woodpecker
 
 for _public in list(globals().values()):
     with_short_signature(_public)

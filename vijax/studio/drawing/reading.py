@@ -108,8 +108,11 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         added, force, velocity = (np.asarray(a) for a in (laws.stiffness, laws.force, laws.velocity))
         is_damped = np.asarray(laws.damping)[:num_stops] > 0
         words = tuple(f"$k$ = {added[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
+        normal = laws.normal or (-1,) * contacts.num
+        force = force if laws.coefficient is None else force + np.asarray(laws.coefficient)
         friction = tuple(
-            Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
+            Rubbing(rows[j], float(force[j]), float(velocity[j]), None if normal[j] < 0 else normal[j])
+            for j in range(num_stops, contacts.num)
         )
     tables = machine.tables
     return Scheme(
