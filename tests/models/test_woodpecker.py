@@ -44,12 +44,15 @@ def test_its_cycle_contracts_by_the_known_factor(fall):
 
 
 @pytest.mark.slow
-def test_it_jams_and_slips_when_others_found():
-    toy = vx.models.woodpecker()
-    sol = vx.simulate(toy, 0.0, 0.21, [0.0, -0.1036, -0.2788], _START[1])
-    lower = len(toy.stops) + 2
-    np.testing.assert_allclose(_times(sol, lower, vx.STICK), [0.021649, 0.167406], atol=1e-6)
-    np.testing.assert_allclose(_times(sol, lower, vx.SLIP), [0.061229, 0.207016], atol=1e-6)
+@pytest.mark.parametrize(("coefficient", "jams"), [(0.2853, True), (0.2850, False)])
+def test_it_hangs_on_the_pole_if_friction_is_large_enough(coefficient, jams):
+    toy = vx.models.woodpecker(coefficient=coefficient)
+    sleeve = -(3.1e-3 - 2.5e-3) / 5.8e-3
+    hanging = sleeve - 4.5e-3 * 9.81 * 0.015 / 5.6e-3
+    np.testing.assert_allclose(hanging, -0.22169, atol=1e-5)
+    sol = vx.simulate(toy, 0.0, 0.05, [0.0, sleeve, hanging], max_events=4096)
+    assert bool(sol.sticking1[1]) is jams
+    assert (sol.x1[0] > -1e-12) == jams
 
 
 @pytest.mark.slow

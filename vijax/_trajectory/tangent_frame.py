@@ -69,6 +69,8 @@ def advance_with(
     x, v = x - after.v[None] * delay[:, None], v - now.acceleration[None] * delay[:, None]
     frame = jnp.concatenate([x * machine.frequency, v], axis=1)
     is_plastic = instant.hit & machine.contacts.is_plastic
+    if machine.has_tied_friction:  # which an impact may bring to rest
+        is_plastic = instant.hit
     erases = jnp.any(instant.stuck | is_plastic, axis=0)
     frame, growth = compute_once(orthonormal, frame, erases)
     return after, instant, Tangents(frame, tangents.growth + growth)
