@@ -1,5 +1,6 @@
 """Friction of contacts: motions whose figures are known."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -126,3 +127,20 @@ def test_a_contact_that_cannot_carry_a_force_while_it_slips_is_refused():
     assert "negative direction" in str(told.value)
     assert "must be below 1.3333." in str(told.value)
     _rod(1.33)
+
+
+@pytest.mark.slow
+def test_where_no_choice_agrees_with_the_laws_the_result_tells_so():
+    # A traced coefficient is not checked. Sliding down at a slope of 2 the rod would need a negative force.
+    load = vx.Harmonic([0.0] * 3, 1.0, mean=[0.0, -1.0, 0.0])
+
+    @jax.jit
+    def run(coefficient):
+        rod = eqx.tree_at(lambda s: s.friction[0].coefficient, _rod(1.0), coefficient)
+        rod = eqx.tree_at(lambda s: s.forcing, rod, load)
+        return vx.simulate(rod, 0.0, 0.2, v0=[-2.0, 0.0, 0.0], throw=False)
+
+    stopped, sound = run(jnp.array(1.5)), run(jnp.array(1.3))
+    assert stopped.result == vx.RESULTS.friction_paradox
+    np.testing.assert_array_equal(stopped.x1, np.zeros(3))
+    assert sound.result == vx.RESULTS.successful

@@ -275,7 +275,9 @@ def prepare_loop(
         vs=saved,
         goal=jnp.zeros(t0.shape, int),
         steps=jnp.zeros(t0.shape, int),
-        is_finite=r.is_sound,
+        is_finite=r.is_sound
+        if first.mode is None or first.mode.paradox is None
+        else r.is_sound & ~first.mode.paradox,
         grazing=no_grazing(t0),
     )
     task = LoopTask(
