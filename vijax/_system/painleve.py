@@ -65,7 +65,8 @@ def _product(
         return np.asarray(sum(shared, np.zeros(())))
     first, second = (_vector(row, len(mass)) for row in (one, other))
     inverse = np.linalg.inv(np.moveaxis(mass, (0, 1), (-2, -1)))
-    return np.einsum("...i,...ij,...j->...", np.moveaxis(first, 0, -1), inverse, np.moveaxis(second, 0, -1))
+    pair = np.moveaxis(first, 0, -1), np.moveaxis(second, 0, -1)
+    return np.asarray(np.einsum("...i,...ij,...j->...", pair[0], inverse, pair[1]))
 
 
 def _vector(row: dict[int, Any], size: int) -> np.ndarray:
