@@ -79,10 +79,10 @@ def test_sweeps_and_batches_follow_the_same_motions():
         np.testing.assert_allclose(batch[k], alone.x1, atol=1e-12)
 
 
-def _derivatives_agree(scene: SwitchingScene, until: float) -> None:
+def _derivatives_agree(scene: SwitchingScene, until: float, v0: list[float] | None = None) -> None:
     """Compare the derivatives by the start with central differences."""
     data, n = scene.data, scene.data["n"]
-    start = jnp.asarray([*data["x0"], *data["v0"]])
+    start = jnp.asarray([*data["x0"], *(data["v0"] if v0 is None else v0)])
 
     def end(z):
         sol = vx.simulate(scene.system, data["t0"], until, z[:n], z[n:])
@@ -98,7 +98,8 @@ def test_derivatives_pass_impacts_that_slip_stick_and_reverse():
 
 
 def test_derivatives_pass_slip_and_stick_on_a_compliant_floor():
-    _derivatives_agree(switching_scene("soft_skid"), 8.0)
+    # Not from the rest of the constant friction, where derivatives have two sides.
+    _derivatives_agree(switching_scene("soft_skid"), 8.0, [0.7, -0.1])
 
 
 @pytest.mark.parametrize("lift", [0.9, 1.6])

@@ -50,7 +50,7 @@ def test_its_coefficient_is_a_parameter():
         parameter_names(_block(coefficient=0.3))
     )
     changed = set_parameter(_block(coefficient=0.3), "friction[0].coefficient", 0.2)
-    np.testing.assert_allclose(changed.friction[0].coefficient, 0.2)
+    np.testing.assert_allclose(np.asarray(changed.friction[0].coefficient), 0.2)
 
 
 def test_it_tells_what_it_is():
