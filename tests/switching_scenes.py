@@ -90,7 +90,7 @@ def scene_of(name: str, data: dict) -> SwitchingScene:
         vx.CompliantContact(_row(c), c["position"], c["stiffness"], c["damping"], c["preload"])
         for c in data["compliant"]
     ]
-    friction = [vx.Friction(_row(c), c["force"], c["static"], c["belt"]) for c in data["friction"]]
+    friction = [_friction(c, len(data["contacts"])) for c in data["friction"]]
     load = vx.Harmonic(data["A"], data["Omega"], data["phase"], data["mean"])
     mass = np.array(data["M"])
     mass = mass if np.any(mass - np.diag(np.diag(mass))) else np.diag(mass)
@@ -105,13 +105,31 @@ def shape_of(name: str) -> tuple:
     return data["n"], *(len(data[kind]) for kind in ("contacts", "compliant", "friction")), bool(is_full)
 
 
+def _friction(element: dict, num_contacts: int) -> vx.Friction:
+    if "force" in element:
+        return vx.Friction(_row(element), element["force"], element["static"], element["belt"])
+    normal = element["normal"]
+    number = normal["index"] + (num_contacts if normal["element"] == "compliant" else 0)
+    static = element["static_coefficient"]
+    return vx.Friction(
+        _row(element),
+        velocity=element["belt"],
+        coefficient=element["coefficient"],
+        static_coefficient=None if static == element["coefficient"] else static,
+        contact=number,
+    )
+
+
 def _row(element: dict) -> dict[int, float]:
     return {i: a for i, a in enumerate(element["row"]) if a}
 
 
 def data_of(name: str) -> dict:
     """Fields of the file of a scene."""
-    (path,) = _DATA.glob(f"golden_[sm]*/{name}.json")
+    paths = (
+        _DATA / folder / f"{name}.json" for folder in ("golden_switching", "golden_mixed", "golden_coulomb")
+    )
+    (path,) = (path for path in paths if path.exists())
     return json.loads(path.read_text())
 
 

@@ -90,6 +90,7 @@ _MEANINGS = {
     "event_impulse": "mass times change of velocity",
     "xs": "position at the time",
     "vs": "velocity at the time",
+    "event_friction_impulse": "impulse of the friction of the contact",
     "x1": "position at the end",
     "v1": "velocity at the end",
     "stuck1": "whether the stop holds its mass at the end",

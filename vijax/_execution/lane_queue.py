@@ -145,6 +145,8 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
     def nothing(size: int) -> EndStates:
         real, whole = jnp.zeros(size, dtype), jnp.zeros(size, int)
         of_stops = jnp.zeros((stops, size), dtype)
+        is_tied = points.numbers.has_tied_friction
+        mode = None if points.numbers.laws is None else idle_mode(of_stops, is_tied=is_tied)
         state = State(
             periods=whole,
             time=real,
@@ -156,7 +158,7 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
             held=of_stops.astype(bool),
             contact=of_stops.astype(jnp.int8),
             memory=points.flow.memory(real),
-            mode=None if points.numbers.laws is None else idle_mode(of_stops),
+            mode=mode,
             knots=None if knots is None else knots.blank(real),
         )
         counts = of_stops.astype(int), of_stops.astype(int)

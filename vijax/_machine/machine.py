@@ -264,8 +264,16 @@ class Machine(eqx.Module):
         """Machine with the forces of friction and compliant contacts in the mode of a state; itself if there are none."""
         if state.mode is None or not isinstance(self.contacts, SwitchingContacts):
             return self
-        machine = eqx.tree_at(lambda m: m.mean, self, self.mean + self.contacts.load_of(state.mode))
-        return machine.with_closed(state.mode.closed)
+        contacts = self.contacts.directed(state.mode.direction)
+        names = lambda m: (m.mean, m.contacts)  # noqa: E731
+        machine = eqx.tree_at(names, self, (self.mean + contacts.load_of(state.mode), contacts))
+        machine = machine.with_closed(state.mode.closed)
+        return machine if contacts.drag is None else machine.with_oblique_forces(state.held)
+
+    def with_oblique_forces(self, held: Bool[Array, "contacts ..."]) -> "Machine":
+        """Machine with the rate of motions in which contacts hold whose forces bring along friction."""
+        rate = self.rate * jax.lax.stop_gradient(self.contacts.obliqueness(held))
+        return eqx.tree_at(lambda m: (m.rate, m.timescale), self, (rate, 1 / rate))
 
     def with_closed(self, closed: Bool[Array, "contacts ..."]) -> "Machine":
         """Machine with the springs and dampers of closed compliant contacts."""
@@ -278,6 +286,11 @@ class Machine(eqx.Module):
             self,
             (self.damping + damping, self.stiffness + stiffness, rate, 1 / rate),
         )
+
+    @property
+    def has_tied_friction(self) -> bool:
+        """True if there is friction of contacts."""
+        return self.contacts.is_switching and self.contacts.laws.is_tied
 
     def approach(self, state: State) -> Float[Array, "stops ..."]:
         """Speeds of approach to the contacts."""
@@ -330,7 +343,7 @@ def state_before_contact(
         gap=gap,
         held=held,
         contact=jnp.zeros(gap.shape, jnp.int8),
-        mode=idle_mode(gap) if machine.contacts.is_switching else None,
+        mode=idle_mode(gap, is_tied=machine.has_tied_friction) if machine.contacts.is_switching else None,
         knots=None if machine.tables is None else _first_knots(machine.tables, zero),
     )
 

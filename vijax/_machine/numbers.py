@@ -97,6 +97,11 @@ class MachineNumbers(eqx.Module):
         return len(self.rows) if self.laws is None else self.laws.num_stops
 
     @property
+    def has_tied_friction(self) -> bool:
+        """True if there is friction of contacts."""
+        return self.laws is not None and self.laws.is_tied
+
+    @property
     def has_arithmetic_force(self) -> bool:
         """True where the force, if there is one, is arithmetic alone, see `is_arithmetic`."""
         if self.force is None:

@@ -205,6 +205,10 @@ def _end_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[s
     code = np.where(is_full, code_of("max_impacts_reached"), code_of("successful"))
     code = np.where(is_done, code, code_of("max_steps_reached"))
     code = np.where(ends["is_finite"], code, code_of("non_finite"))
+    if any(element.is_tied for element in points.system.friction):
+        # A motion that stopped at finite numbers had no choice left that agrees with the laws.
+        is_bounded = np.isfinite(ends["x"]).all(axis=0) & np.isfinite(ends["v"]).all(axis=0)
+        code = np.where(~ends["is_finite"] & is_bounded, code_of("friction_paradox"), code)
     num_stops = points.system.num_stops
     kept = {name: ends[name].T for name in ("x", "v", "steps")} | {
         "num_impacts": ends["num_impacts"][:num_stops].T

@@ -125,7 +125,7 @@ def ensemble(
         )
     of_samples = {path: (SAMPLE, a, variable_attributes(path)) for path, a in values.items()}
     ds = with_labels(with_names(ds.assign_coords(of_samples), known.names), base.system)
-    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
     return ds
 
 

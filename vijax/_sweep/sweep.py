@@ -201,7 +201,7 @@ def sweep(
             found = run_chains(points, chain, runner, bar.update, settings)
     ds = with_names(dataset(points, axes, shape, counts, found, attributes, added), names)
     ds = with_labels(ds, base.system)
-    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
     return ds
 
 

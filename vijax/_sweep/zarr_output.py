@@ -128,7 +128,7 @@ def write_sweep(
         for size, _ in run_tasks(workers, _write_block, missing(), settings.in_flight):
             bar.update(size)
     ds = folder.open()
-    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
     return ds
 
 

@@ -20,6 +20,7 @@ from jaxtyping import Array
 
 from .._jax.arrays import Flag, Reals, array_namespace
 from .._jax.concrete import concrete
+from .painleve import check_slip
 
 
 class Rule(NamedTuple):
@@ -202,6 +203,7 @@ def check_machines(system: Any, x0: Array | np.ndarray, *, counts_periods: bool 
     refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
     check_slots(system.stops)
     check_room(system.stops)
+    check_slip(system)
 
 
 def validate_start(
@@ -231,7 +233,8 @@ def _travel_within_a_radian(system: Any, v: Reals) -> Reals:
     forcing = system.forcing
     frequency = forcing.frequency + (forcing.frequency <= 0)
     moved = abs(v).max() / frequency
-    rows = [(element.grip, i, a) for element in system.friction for i, a in element.coefficients.items()]
+    constant = [element for element in system.friction if not element.is_tied]
+    rows = [(element.grip, i, a) for element in constant for i, a in element.coefficients.items()]
     numbers = forcing.frequency, system.mass, system.stiffness
     known = [a for a in map(concrete, (*numbers, *(grip * a for grip, _, a in rows))) if a is not None]
     of_load, structure = jax.tree.flatten(forcing)

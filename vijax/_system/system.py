@@ -28,6 +28,7 @@ from .force import BoundForce, as_force, bind_args, name_of_force
 from .forcing import Harmonic
 from .friction import Friction
 from .load import AbstractLoad, LoadSum
+from .painleve import check_slip
 from .stop import Stop
 from .symmetry import Symmetry
 from .symmetry_search import symmetries_of
@@ -132,6 +133,7 @@ class ImpactSystem(eqx.Module):
         self._check_values()
         if self.num_states:
             self._check_states()
+        check_slip(self)
 
     def _check_stops(self):
         places: dict[tuple[int, str], int] = {}
@@ -161,6 +163,13 @@ class ImpactSystem(eqx.Module):
             if unknown:
                 raise ValueError(
                     f"`friction[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
+                )
+
+            if element.contact is not None and element.contact >= len(self.stops):
+                stops = "no stops" if not self.stops else f"stops 0 to {len(self.stops) - 1}"
+                raise ValueError(
+                    f"`friction[{k}].contact` is {element.contact}, but the machine has {stops}: it must be the number of the stop whose "
+                    "force presses."
                 )
 
     def _check_states(self):

@@ -197,8 +197,9 @@ def next_target(
 
 
 def is_finite(state: State) -> Bool[Array, "..."]:
-    """True where a motion is finite."""
-    return jnp.all(jnp.isfinite(state.x + state.v), axis=0) & jnp.isfinite(state.time)
+    """True where a motion is finite, and no friction of contacts was left without a choice."""
+    finite = jnp.all(jnp.isfinite(state.x + state.v), axis=0) & jnp.isfinite(state.time)
+    return finite if state.mode is None or state.mode.paradox is None else finite & ~state.mode.paradox
 
 
 def run_without_derivatives(
@@ -284,7 +285,9 @@ def prepare_loop(
         vs=saved,
         goal=jnp.zeros(t0.shape, int),
         steps=jnp.zeros(t0.shape, int),
-        is_finite=r.is_sound,
+        is_finite=r.is_sound
+        if first.mode is None or first.mode.paradox is None
+        else r.is_sound & ~first.mode.paradox,
         grazing=no_grazing(t0),
     )
     task = LoopTask(
@@ -318,6 +321,8 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
     result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
     result = RESULTS.where(is_done, result, RESULTS.max_steps_reached)
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
+    if state.mode is not None and state.mode.paradox is not None:
+        result = RESULTS.where(state.mode.paradox, RESULTS.friction_paradox, result)
     result = RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
     x1, v1 = machine.in_space(state)
     num_stops = machine.contacts.num_stops

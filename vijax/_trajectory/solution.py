@@ -62,6 +62,10 @@ class RESULTS(eqx.Enumeration):
         "max_reverse_steps_reached: no longer used, as derivatives in reverse mode have no bound on the steps any more. "
         "Leave out `max_reverse_steps`."
     )
+    friction_paradox = (
+        "friction_paradox: the motion stopped before its end, where contacts with friction neither hold, slip nor open in agreement "
+        "with the laws (Painleve). Lower the coefficients of friction, or let a contact yield: `vx.CompliantContact`."
+    )
 
 
 def result_sentences(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, list[str]]:
@@ -265,7 +269,8 @@ class Solution(eqx.Module):
 
         Returns:
             Dataset of `x` and `v` at the saved times, (time, mass); the logged events, (event,): `event_time`,
-            `event_stop`, `event_kind` with its flags, `event_velocity_minus`, `event_velocity_plus`, `event_impulse`;
+            `event_stop`, `event_kind` with its flags, `event_velocity_minus`, `event_velocity_plus`, `event_impulse`,
+            and `event_friction_impulse` with friction of contacts;
             the end state `x1`, `v1`, `stuck1`; `result` with its flags; and the other attributes of this class. A
             batch of `jax.vmap` has `lane` as first dimension, and its events are padded with NaN and -1 to the
             longest log.
@@ -451,7 +456,8 @@ def _dataset(solution: Solution) -> "xr.Dataset":
     """Dataset of one trajectory, or of a batch with lanes first."""
     log, grazing = solution.events, solution.grazing
     longest = int(jnp.max(solution.num_events, initial=0))
-    names = ("stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+    names = ["stop", "kind", "velocity_minus", "velocity_plus", "impulse"]
+    names += [] if log.friction_impulse is None else ["friction_impulse"]
     events = {"event_time": log.t} | {f"event_{name}": getattr(log, name) for name in names}
     columns: dict[str, tuple[tuple[str, ...], Any]] = {
         "x": (("time", "mass"), solution.xs),

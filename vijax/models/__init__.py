@@ -47,6 +47,7 @@ from ._rotors import (
     shaken_oscillator as shaken_oscillator,
     unbalanced_rotor as unbalanced_rotor,
 )
+from ._woodpecker import woodpecker as woodpecker
 
 for _public in list(globals().values()):
     with_short_signature(_public)

@@ -55,7 +55,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         is_damped=np.array([bool(getattr(stop, "damping", 0) > 0) for stop in system.stops], bool),
         is_preloaded=np.array([bool(getattr(stop, "preload", 0) > 0) for stop in system.stops], bool),
         friction=tuple(
-            Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
+            Rubbing(_row(n, one.coefficients), float(one.slip), float(one.velocity), one.contact)
             for one in system.friction
         ),
         omitted=omitted,
@@ -119,8 +119,11 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
             _cushion_in_words(*cushions[j].tolist()) if is_compliant[j] else words[j]
             for j in range(num_stops)
         )
+        normal = laws.normal or (-1,) * contacts.num
+        force = force if laws.coefficient is None else force + np.asarray(laws.coefficient)
         friction = tuple(
-            Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
+            Rubbing(rows[j], float(force[j]), float(velocity[j]), None if normal[j] < 0 else normal[j])
+            for j in range(num_stops, contacts.num)
         )
     tables = machine.tables
     return Scheme(

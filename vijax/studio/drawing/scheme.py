@@ -40,11 +40,22 @@ class Link(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """Friction element: coefficients of the masses, force, and velocity of the surface."""
+    """Friction element: coefficients of the masses, force, velocity of the surface, and number of the contact that presses.
+
+    With a contact, `force` is the coefficient of friction.
+    """
 
     row: np.ndarray
     force: float
     velocity: float
+    contact: int | None = None
+
+    @property
+    def law(self) -> str:
+        """Law of slip, as a formula."""
+        if self.contact is None:
+            return f"$F$ = {self.force:.3g}"
+        return f"$\\mu$ = {self.force:.3g} on contact {self.contact}"
 
 
 class DrawnFriction(NamedTuple):
@@ -237,8 +248,7 @@ class Scheme(NamedTuple):
         inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
         negative += [self.omitted] if self.omitted else []
         rubbing = [
-            f"friction {k}: of ${in_symbols(one.row)}$, $F$ = {one.force:.3g}"
-            for k, one in enumerate(self.friction)
+            f"friction {k}: of ${in_symbols(one.row)}$, {one.law}" for k, one in enumerate(self.friction)
         ]
         return [
             *rows,
