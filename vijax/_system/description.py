@@ -194,4 +194,5 @@ def _motion(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> H
     if lists is None:
         return None
     check_names(f"`{name}`", lists, ("amplitude",), _OF_MOTION)
-    return Harmonic(frequency=forcing.frequency, **arrays_of(name, lists, dtype))
+    arrays: dict[str, Any] = dict(arrays_of(name, lists, dtype))
+    return Harmonic(frequency=forcing.frequency, **arrays)

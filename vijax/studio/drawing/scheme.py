@@ -176,7 +176,8 @@ class Scheme(NamedTuple):
     def pads(self) -> list[DrawnFriction]:
         """Friction on the ground, on a belt, or between two masses; other rows cannot be drawn."""
         found, inside = [], self.containers
-        for k, (row, _, velocity) in enumerate(self.friction):
+        for k, one in enumerate(self.friction):
+            row, velocity = one.row, one.velocity
             own = np.flatnonzero(row).tolist()
             if len(own) == 1:
                 found.append(DrawnFriction(k, own[0], None, velocity / float(row.sum())))
