@@ -1,5 +1,7 @@
 """Steps of many branches in a batch: decisions on arrays equal the decisions on each branch alone."""
 
+from typing import Any, cast
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -100,4 +102,4 @@ def test_a_branch_that_comes_to_too_many_events_is_told_so():
             yield KernelCall(corrected_cycle, sequence_of(rng, 3), (str(why),))
 
     rng = np.random.default_rng(0)
-    assert _next_request(task(), None).arguments == ("max_events",)
+    assert _next_request(cast(Any, None), task(), None).arguments == ("max_events",)

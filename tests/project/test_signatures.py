@@ -9,7 +9,7 @@ import vijax as vx
 
 # Half a screen: 12 lines of 80 columns.
 SCREEN = 80 * 12
-SIGNATURE_OF_FRICTION = "(row: Mapping[int, ArrayLike] | int, force: ArrayLike, static: ArrayLike | None = None, velocity: ArrayLike = 0.0)"
+SIGNATURE_OF_FRICTION = "(row: Mapping[int, ArrayLike] | int, force: ArrayLike | None = None, static: ArrayLike | None = None, velocity: ArrayLike = 0.0, *, coefficient: ArrayLike | None = None, static_coefficient: ArrayLike | None = None, contact: int | None = None)"
 
 
 def public(is_wanted) -> dict[str, object]:
@@ -65,6 +65,7 @@ DIFFERENT = {
     "bounds": "the ends of a parameter, of two, of states, or of a plane",
     "curves": "of bifurcations, or the manifolds of a saddle",
     "direction": "of a crossing, or of a shock",
+    "duration": "of a film, or of a whole motion",
     "ds": "one dataset, or several by their names",
     "file": "to write a machine, or optionally a film",
     "force": "added to a machine, or given back to one that was read",

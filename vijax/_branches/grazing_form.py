@@ -48,7 +48,7 @@ class GrazingForm:
 
     @property
     def criticality(self) -> str:
-        """Always empty: what branches off a grazing is not a matter of one coefficient."""
+        """Always empty, as what branches off a grazing is not a matter of one coefficient."""
         return ""
 
     def __repr__(self) -> str:

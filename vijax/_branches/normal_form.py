@@ -77,7 +77,7 @@ class NormalForm:
 
     @property
     def side(self) -> str:
-        """Where to find them: "above" if the orbits that branch off, or both that meet at a fold, exist at larger values, else "below"."""
+        """Side on which they are, "above" if the orbits that branch off, or both that meet at a fold, exist at larger values, else "below"."""
         return "above" if self.rate * self.coefficient < 0 else "below"
 
     def amplitude(self, distance: float) -> float:
