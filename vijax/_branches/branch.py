@@ -216,7 +216,7 @@ class Bifurcation:
 
     @cached_property
     def normal_form(self) -> Any:  # a `NormalForm` or a `GrazingForm`; type checkers would ask for the one
-        """What the machine does beside a "fold", "pd", "ns", "pitchfork" or "gr", to leading order: its normal form.
+        """Normal form of a "fold", "pd", "ns", "pitchfork" or "gr", which tells what the machine does beside the point, to leading order.
 
         Its `criticality` tells whether the orbits that branch off are stable, its `side` where they exist, its `amplitude` how
         far they are, see `vx.NormalForm`. It is made of the second and third derivatives of the return map, which exist through
