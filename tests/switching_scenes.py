@@ -16,6 +16,8 @@ _KINDS = {
 }
 # A chatter has light impacts for a far shorter time than this.
 _LONGEST_END = 0.05
+# The end of a chatter is that of a geometric series of light bounces.
+_STICK = 1e-8
 
 
 class Happening(NamedTuple):
@@ -62,6 +64,29 @@ class SwitchingScene(NamedTuple):
         for chatter in self.data["chatters"]:
             events = _without_end(events, chatter, self.num_stops)
         return events
+
+    def check_events(self, solution: vx.Solution) -> None:
+        """Every element has the same events, in the same order, and no others."""
+        found, expected = self.found(solution), self.expected
+        assert len(found) == len(expected)
+        for element in range(self.num_stops + len(self.system.friction)):
+            ours, theirs = ([e.kind for e in events if e.element == element] for events in (found, expected))
+            assert ours == theirs, element
+
+    def check_times(self, solution: vx.Solution) -> None:
+        """The events of each element come at the same times."""
+        key = lambda e: (e.element, e.t)  # noqa: E731
+        pairs = zip(sorted(self.found(solution), key=key), sorted(self.expected, key=key), strict=True)
+        for ours, theirs in pairs:
+            tolerance = _STICK if theirs.kind == "stick" else 0.0
+            assert abs(ours.t - theirs.t) <= tolerance + self.time_tolerance(theirs.t), (ours, theirs)
+
+    def check_end(self, solution: vx.Solution, unit: float = 1.0) -> None:
+        """The end state is the same; `unit` is the size of its numbers."""
+        for name in ("x1", "v1"):
+            np.testing.assert_allclose(
+                getattr(solution, name), self.data[name], rtol=0, atol=unit * self.state_tolerance
+            )
 
     @property
     def state_tolerance(self) -> float:

@@ -190,7 +190,7 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
 
 
 def words_of_kind(system: Any) -> str:
-    """What programs of a machine are compiled for, as "2 masses, friction and 1 stop"."""
+    """The kind of a machine, which programs are compiled for, in words: "2 masses, 1 friction element and 1 stop"."""
     rigid, compliant = (
         [stop for stop in system.stops if stop.is_compliant == is_compliant] for is_compliant in (False, True)
     )

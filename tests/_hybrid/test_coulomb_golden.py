@@ -6,8 +6,6 @@ from switching_scenes import SwitchingScene, scene_names, switching_scene
 
 import vijax as vx
 
-# The end of a chatter is that of a geometric series of light bounces.
-_STICK = 1e-8
 # Scenes of one shape, which share a program with each other.
 _QUICK = ("block_forced", "block_lifts", "dropped")
 _SCENES = [
@@ -29,26 +27,15 @@ def solution(scene) -> vx.Solution:
 
 
 def test_every_element_has_the_same_events_and_no_others(solution, scene):
-    found, expected = scene.found(solution), scene.expected
-    assert len(found) == len(expected)
-    for element in range(scene.num_stops + len(scene.system.friction)):
-        ours, theirs = ([e.kind for e in events if e.element == element] for events in (found, expected))
-        assert ours == theirs, element
+    scene.check_events(solution)
 
 
 def test_event_times_agree(solution, scene):
-    key = lambda e: (e.element, e.t)  # noqa: E731
-    for ours, theirs in zip(
-        sorted(scene.found(solution), key=key), sorted(scene.expected, key=key), strict=True
-    ):
-        tolerance = _STICK if theirs.kind == "stick" else 0.0
-        assert abs(ours.t - theirs.t) <= tolerance + scene.time_tolerance(theirs.t), (ours, theirs)
+    scene.check_times(solution)
 
 
 def test_the_end_state_agrees(solution, scene):
-    tolerance = scene.state_tolerance * _UNITS.get(scene.name, 1.0)
-    np.testing.assert_allclose(solution.x1, scene.data["x1"], rtol=0, atol=tolerance)
-    np.testing.assert_allclose(solution.v1, scene.data["v1"], rtol=0, atol=tolerance)
+    scene.check_end(solution, _UNITS.get(scene.name, 1.0))
 
 
 def test_impulses_of_contact_and_friction_agree(solution, scene):

@@ -26,14 +26,14 @@ from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .._sweep.short_names import with_labels
-from .._system.family import Family as FamilyOfUser
+from .._system.family import Family
 from .._system.family_description import attributes_of_system, system_from
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import AnySystem, bound, machine_of
 from .kernels import CorrectedCycle
 from .kinds import MONITOR, EndKind, public_kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
@@ -70,7 +70,7 @@ class Branch:
     system: AnySystem | None = None
     allow_forces: Allowed = field(default=False, kw_only=True)
     force: Callable | None = field(default=None, kw_only=True)
-    family: Callable | FamilyOfUser | None = field(default=None, kw_only=True)
+    family: Callable | Family | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         if self.system is not None and self.force is not None:
@@ -243,7 +243,9 @@ class Bifurcation:
         return f"{self.kind} at {self.value:.12g} (point {self.index})"
 
 
-def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> Branch:
+def branch_of(
+    family: ParameterFamily, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch
+) -> Branch:
     """Join the walks backwards and forwards from a point to a branch, whose dataset is made when it is first read."""
     branch = object.__new__(Branch)
     walks = [replace(walk, points=walk.all_points(), monitored=[], cascade=[]) for walk in (back, forth)]
@@ -252,7 +254,9 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     return branch
 
 
-def _dataset(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> xr.Dataset:
+def _dataset(
+    family: ParameterFamily, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch
+) -> xr.Dataset:
     """Dataset of the points of a branch."""
     if forth.end == EndKind.CLOSED and back.end in (EndKind.CLOSED, EndKind.MAX_POINTS, EndKind.INTERRUPTED):
         back = replace(back, points=[], end=EndKind.CLOSED)
@@ -289,7 +293,7 @@ _with_phase = jax.jit(jax.vmap(with_phase))
 
 
 def _columns_of_orbits(
-    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, family: Family
+    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, family: ParameterFamily
 ) -> dict[str, tuple]:
     """Columns with one entry for each point."""
     x0, v0 = np.split(seen.start, 2, axis=1)

@@ -20,7 +20,7 @@ from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation
 from .kernels import curvature, jacobian, slope
 from .kinds import Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .requests import KernelCall, Requests, ask
 from .scheduler import drive
 from .tolerances import ANOTHER_GRAZING
@@ -68,7 +68,9 @@ def grazing_form_of(point: Bifurcation) -> GrazingForm:
     return found
 
 
-def _grazing_form(family: Family, sequence: Sequence, place: ExtendedCycle, k: int) -> Requests[GrazingForm]:
+def _grazing_form(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, k: int
+) -> Requests[GrazingForm]:
     """The normal form of a cycle whose event `k` is the impact that grazes."""
     size, num = len(place.z), len(place.z) + len(place.flights)
     matrix = np.asarray((yield from ask(KernelCall(jacobian, sequence, (place,)))))[:num, :num]

@@ -36,7 +36,7 @@ from .branch import Bifurcation
 from .grazing_form import GrazingForm, grazing_form_of
 from .kernels import curvature, jacobian, slope, third_derivative, trimmed
 from .kinds import Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .pitchfork import crossing_direction
 from .point import correct_with_free_parameter
 from .requests import KernelCall, Requests, ask
@@ -171,7 +171,9 @@ def _return_map(sequence: Sequence, place: ExtendedCycle) -> Requests[_ReturnMap
     return _ReturnMap(sequence, place, matrix[:size] + np.eye(size, num), lift, solve)
 
 
-def _normal_form(family: Family, kind: str, sequence: Sequence, place: ExtendedCycle) -> Requests[NormalForm]:
+def _normal_form(
+    family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
+) -> Requests[NormalForm]:
     """The normal form at a cycle."""
     returned = yield from _return_map(sequence, place)
     multiplier, q, left = _eigenvectors(returned.matrix, kind, float(family.scale[0]))

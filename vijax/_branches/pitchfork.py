@@ -16,7 +16,7 @@ from .._system.parameters import machine_at
 from .closing import repetitions_of
 from .kernels import curvature, jacobian, slope
 from .kinds import Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch
 from .requests import HostCall, KernelCall, Requests, ask
 from .singular import branch_point_near
@@ -26,7 +26,7 @@ from .tolerances import PITCHFORK_NEAR, PITCHFORK_ZERO, SAME_CROSSING, SAME_ROUN
 def _is_symmetric(point: BranchPoint) -> Requests[bool]:
     """True if the machine has symmetries at the parameter of a point."""
 
-    def has_any(family: Family) -> bool:
+    def has_any(family: ParameterFamily) -> bool:
         whole, value = jax.tree.map(jnp.asarray, (family.system, point.place.p * family.span))
         try:
             return bool(machine_at(whole, family.path, value).symmetries())

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .kernels import LocatedState, SimulatedMotion, locate_state, simulate_motion
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 
 T = TypeVar("T")
 
@@ -59,7 +59,7 @@ class HostCall(Request[T]):
         sequence: events of the cycle.
     """
 
-    function: Callable[[Family], T]
+    function: Callable[[ParameterFamily], T]
     sequence: Sequence
 
 

@@ -17,7 +17,7 @@ from .corrector import evaluate_at
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
 from .kernels import CorrectedCycle, as_corrected_cycle, trimmed
 from .kinds import EndKind, Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, End, between, on_plane
 from .requests import KernelCall, Requests, ask, location_on
 from .sequence_edits import in_a_row
@@ -39,7 +39,7 @@ _NODES = 9
 
 
 def crossing(
-    family: Family, sequence: Sequence, guess: ExtendedCycle
+    family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle
 ) -> tuple[ExtendedCycle, Bool[Array, ""]]:
     """The branch point near a guess, and True if there is one."""
     size = len(guess.z)
@@ -64,7 +64,7 @@ class Doubling(NamedTuple):
     is_likely: Bool[Array, ""]
 
 
-def doubling(family: Family, sequence: Sequence, guess: ExtendedCycle) -> Doubling:
+def doubling(family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle) -> Doubling:
     """The period doubling of a cycle of half as many periods near a guess."""
     half = replace(family, num_periods=family.num_periods / 2)
     borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))

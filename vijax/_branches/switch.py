@@ -10,7 +10,7 @@ from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
 from .kinds import Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .pitchfork import crossing_direction, null_vectors
 from .point import BranchPoint, DirectedBranch, correct_with_free_parameter, first_followed
 from .requests import Requests
@@ -124,7 +124,7 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     return orbits
 
 
-def _orbit(family: Family, point: BranchPoint) -> PeriodicOrbit:
+def _orbit(family: ParameterFamily, point: BranchPoint) -> PeriodicOrbit:
     """The orbit of a single point."""
     empty = DirectedBranch(float(family.num_periods), (0.0, 0.0), 0)
     return branch_of(family, point, empty, empty).orbit(0)

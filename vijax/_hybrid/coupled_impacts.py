@@ -124,7 +124,7 @@ class Struck(NamedTuple):
 
 
 def struck_speeds(machine: Machine, state: State, instant: Instant) -> Struck:
-    """What the law of impacts takes."""
+    """Speeds, restitution coefficients and closed contacts for the law of impacts."""
     contacts = machine.contacts
     speed = jnp.where(instant.hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)

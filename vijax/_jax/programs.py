@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .announcing import Work, announce
+from .announcing import Stage, announce
 from .concrete import is_tracer
 from .memory_maps import make_room, note_holder, note_program
 from .program_store import ProgramStore, StoredProgram, key_of, program_store
@@ -144,7 +144,7 @@ class Programs:
         """Call without the store."""
         make_room()
         if static not in self._results and not is_traced:
-            announce(Work.COMPILES_NOW)
+            announce(Stage.COMPILES_NOW)
         found = self._plain(static, *parts)
         return self._results[static].joined(found)
 
@@ -163,7 +163,7 @@ class Programs:
         """Load a program by its name, or trace, compile and store it."""
 
         def make() -> StoredProgram:
-            announce(Work.COMPILES)
+            announce(Stage.COMPILES)
             lowered, results = self._lowered(key)
             run = _compiled(lowered, store, name, results)
             return StoredProgram(run, results)
@@ -172,7 +172,7 @@ class Programs:
 
     def _by_text(self, key: _Key, store: ProgramStore) -> StoredProgram:
         """Trace a program, and load it by its text or compile and store it."""
-        announce(Work.TRACES)
+        announce(Stage.TRACES)
         lowered, results = self._lowered(key)
         name = key_of(*_text_of(lowered), self._options(), key.kept, key.donated)
         if name is None:
@@ -262,7 +262,7 @@ def _loaded_or_made(store: ProgramStore, name: str, make: Callable[[], StoredPro
     """A program of the store; made, if nobody has made it, by one process or thread while the others wait."""
     if found := _load(store, name):
         return found
-    with store.maker(name, lambda: announce(Work.WAITS)):
+    with store.maker(name, lambda: announce(Stage.WAITS)):
         return _load(store, name) or make()
 
 

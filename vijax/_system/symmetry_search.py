@@ -81,7 +81,7 @@ class _Limit(NamedTuple):
 
 
 class _Machine(NamedTuple):
-    """What a symmetry must keep, as arrays; instants are phases in forcing periods.
+    """Numbers of a machine that a symmetry must keep; instants are phases in forcing periods.
 
     Attributes:
         matrices: M, C and K, (3, n, n).
