@@ -97,6 +97,7 @@ def test_a_belt_drags_and_lets_go():
     np.testing.assert_allclose(slips[3] - sticks[3], 2 * (static - mu) / belt, rtol=1e-12)
 
 
+@pytest.mark.slow
 @_with_program
 def test_one_program_serves_all_coefficients_and_derivatives_follow():
     def rests_at(mu):

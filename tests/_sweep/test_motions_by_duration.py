@@ -137,7 +137,7 @@ def test_records_of_a_family_are_swept_by_their_index():
     np.testing.assert_array_equal(both.xs.sel(gap=0.5), ds.xs)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_compliant_stops_and_a_force_of_another_period():
     table = vx.Tabulated(_TIMES, RECORDS[:2].T)
     stops = [vx.Stop(0, 0.5, "upper", 0.7), vx.CompliantStop(1, 0.3, "lower", 50.0, 1.0)]

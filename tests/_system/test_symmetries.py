@@ -159,7 +159,7 @@ def test_numbers_must_be_known():
 def test_a_symmetry_maps_a_motion_to_a_motion(name):
     machine, rng = CASES[name][0], np.random.default_rng(1)
     period, n = float(machine.forcing.period), machine.num_masses
-    x, v = 0.05 * rng.normal(size=n), 0.3 * rng.normal(size=n)
+    x, v = 0.05 * rng.normal(size=n), 0.9 * rng.normal(size=n)
     for own in machine.symmetries():
         t0 = float(own.shift) * period
         motion = vx.simulate(machine, t0, t0 + 3 * period, x, v)

@@ -2,6 +2,7 @@
 
 import enum
 import threading
+import weakref
 from collections.abc import Callable
 from functools import cached_property
 from importlib.metadata import version
@@ -90,7 +91,7 @@ class Programs:
         self._name = _name_of(function) if name is None else name
         self._results: dict[_Static, _Static] = {}
         self._made: dict[_Key, tuple[Callable, _Static]] = {}
-        self.num_drops = 0
+        self._prepared: weakref.WeakSet[PreparedCall] = weakref.WeakSet()
         note_holder(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -105,7 +106,9 @@ class Programs:
 
     def prepared(self, *args: Any) -> "PreparedCall":
         """The function of the arrays in these arguments, in the order of their leaves, for any others of their kinds."""
-        return PreparedCall(self, *self._parts(args, {}))
+        call = PreparedCall(self, *self._parts(args, {}))
+        self._prepared.add(call)
+        return call
 
     def compiled(self, *args: Any, **kwargs: Any) -> Any:
         """The program for these arguments, compiled anew, for tests and benchmarks."""
@@ -114,7 +117,8 @@ class Programs:
     def drop(self) -> None:
         """Drop the programs of this process."""
         self._made.clear()
-        self.num_drops += 1
+        for call in list(self._prepared):
+            call.drop()
 
     def count(self) -> int:
         """Number of programs of this process."""
@@ -223,12 +227,16 @@ class PreparedCall:
         store = None if any(_UNUSUAL(jax.config)) else program_store()
         if store is None:
             return self._programs._run_plainly(self._static, parts)
-        state = _SETTINGS(jax.config), self._programs.num_drops, store
+        state = _SETTINGS(jax.config), store
         if self._last is None or self._last[0] != state:
             kinds = [self._kinds[: self._num], self._kinds[self._num :]]
             self._last = state, *self._programs._found(_key(self._static, kinds), store)
         _, run, results = self._last
         return results.joined(run(*parts))
+
+    def drop(self) -> None:
+        """Drop the program, which takes room as long as anyone has it; the next call finds it again."""
+        self._last = None
 
 
 def _key(static: _Static, parts: list[list]) -> _Key:
