@@ -22,6 +22,18 @@ from .switching import Laws, laws_of
 from .tables import KnotsLayout, TableNumbers, tables_of
 
 
+class BaseLoad(eqx.Module):
+    """Inertia force of the masses on a base that moves, a part of the load.
+
+    Attributes:
+        waves: its harmonics, (harmonics, n).
+        tables: flags of the loads by tables that are parts of it.
+    """
+
+    waves: Waves
+    tables: tuple[bool, ...] = eqx.field(static=True)
+
+
 class MachineNumbers(eqx.Module):
     """`ImpactSystem` as arrays, lanes last.
 
@@ -44,6 +56,7 @@ class MachineNumbers(eqx.Module):
             elements have rows behind those of the contacts, and everything over contacts has entries for them.
         num_states: number of last coordinates whose positions stay 0, the stretches of Jenkins elements among them.
         tables: loads by tables; None if there are none.
+        base: the part of the load that a moving base makes; None where nothing depends on it.
     """
 
     mass: Reals
@@ -62,6 +75,7 @@ class MachineNumbers(eqx.Module):
     laws: Laws | None = None
     num_states: int = eqx.field(static=True, default=0)
     tables: tuple[TableNumbers, ...] | None = None
+    base: BaseLoad | None = None
 
     @property
     def num_columns(self) -> int:
@@ -87,6 +101,11 @@ class MachineNumbers(eqx.Module):
     def num_sliders(self) -> int:
         """Number of Jenkins elements."""
         return 0 if self.laws is None else self.laws.num_sliders
+
+    @property
+    def has_tied_friction(self) -> bool:
+        """True if there is friction of contacts."""
+        return self.laws is not None and self.laws.is_tied
 
     @property
     def has_arithmetic_force(self) -> bool:
@@ -148,6 +167,20 @@ def _tables(system: ImpactSystem, more: int) -> tuple[TableNumbers, ...] | None:
     return tuple(
         eqx.tree_at(lambda a: a.rows, table, with_more_rows(table.rows, more, 2)) for table in tables
     )
+
+
+def with_base(numbers: MachineNumbers, system: ImpactSystem) -> MachineNumbers:
+    """Numbers of a machine with the part of the load that a moving base makes."""
+    lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
+    none = np.zeros((1, system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)
+    waves, tables = [Waves(none, none).padded(size)], []
+    for load in system.forcing.loads:
+        if not isinstance(load, Harmonic):
+            tables.append(load.from_base)
+        elif load.from_base:
+            waves.append(load.waves(lane_axes).padded(size))
+    base = BaseLoad(jax.tree.map(lambda *parts: add_up(parts), *waves), tuple(tables))
+    return eqx.tree_at(lambda n: n.base, numbers, base, is_leaf=lambda leaf: leaf is None)
 
 
 def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:
