@@ -102,7 +102,9 @@ def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
 
     def of_friction(name: str, *, is_tied: bool = False) -> Reals:
         own = [kind == FRICTION and each == is_tied for kind, each in zip(kinds, tied, strict=True)]
-        return of_contacts([getattr(element, name) if each else 0.0 for each, element in zip(own, elements, strict=True)])
+        return of_contacts(
+            [getattr(element, name) if each else 0.0 for each, element in zip(own, elements, strict=True)]
+        )
 
     return Laws(
         kinds=tuple(kinds),

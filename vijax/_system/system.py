@@ -136,6 +136,7 @@ class ImpactSystem(eqx.Module):
         self._check_stops()
         self._check_rows("friction", self.friction)
         self._check_rows("hysteresis", self.hysteresis)
+        self._check_contacts_of_friction()
         if self.hysteresis and self.force is not None:
             raise ValueError(
                 "Argument `hysteresis` is for machines without `force`: leave one of them out, or write the force as matrices, "
@@ -176,6 +177,8 @@ class ImpactSystem(eqx.Module):
                     f"`{name}[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
                 )
 
+    def _check_contacts_of_friction(self):
+        for k, element in enumerate(self.friction):
             if element.contact is not None and element.contact >= len(self.stops):
                 stops = "no stops" if not self.stops else f"stops 0 to {len(self.stops) - 1}"
                 raise ValueError(
