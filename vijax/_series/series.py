@@ -1,0 +1,130 @@
+"""Taylor coefficients of a force along a motion, order by order."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._jax.xla import compute_once
+from .operations import Coefficient, Operand, is_known
+from .plan import Plan
+
+Row = tuple[Any, ...]
+
+
+class Series(eqx.Module):
+    """Coefficients so far; `extend` adds an order.
+
+    Attributes:
+        rows: coefficients of every series, order by order; None where they are known to be zero.
+        given: time, numbers of the force and modes, of order 0.
+        like: array of the shape of the positions.
+        plan: operations.
+        fence: whether XLA computes each order once, not once for each result that needs it.
+    """
+
+    rows: tuple[Row, ...]
+    given: tuple[Array, list[Array], list[Array]]
+    like: Array
+    plan: Plan = eqx.field(static=True)
+    fence: bool = eqx.field(static=True, default=False)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def extend(self, x: Any, v: Any) -> "Series":
+        """The series with one order more, from the coefficients of this order of positions and velocities, (n, ...)."""
+        row = compute_once(next_row, self, x, v) if self.fence else next_row(self, x, v)
+        return eqx.tree_at(lambda s: s.rows, self, (*self.rows, row))
+
+    def coefficient(self, operand: Operand, k: int) -> Coefficient:
+        """Coefficient of a series, None if it is known to be zero."""
+        if is_known(operand):
+            return None if k else float(operand)
+        return self.rows[k][operand]
+
+    def force(self, k: int) -> Array:
+        """Coefficient k of the force on every mass, (n, ...)."""
+        return jnp.stack([self._scalar(s, k) for s in self.plan.forces])
+
+    def guard(self, switch: int, k: int) -> Array:
+        """Coefficient k of the guard of a switch."""
+        return self._scalar(self.plan.switches[switch].guard, k)
+
+    def knot(self, switch: int, number: int) -> Array:
+        """Value of a guard where its branch changes."""
+        return self._scalar(self.plan.switches[switch].knots[number], 0)
+
+    def by_x(self, k: int) -> dict[tuple[int, int], Array]:
+        """Coefficients k of the derivatives of force i by position j, but for known zeros."""
+        return self._entries(self.plan.by_x, k)
+
+    def by_v(self, k: int) -> dict[tuple[int, int], Array]:
+        """The same by velocity j."""
+        return self._entries(self.plan.by_v, k)
+
+    def _entries(self, entries: dict | None, k: int) -> dict[tuple[int, int], Array]:
+        if entries is None:
+            raise ValueError("The plan was made without `jacobian=True`.")
+        found = {at: self.coefficient(entry, k) for at, entry in entries.items()}
+        return {at: jnp.asarray(entry, self.like.dtype) for at, entry in found.items() if entry is not None}
+
+    def _scalar(self, operand: Operand, k: int) -> Array:
+        found = self.coefficient(operand, k)
+        dtype, shape = self.like.dtype, self.like.shape[1:]
+        return jnp.broadcast_to(jnp.asarray(0.0 if found is None else found, dtype), shape)
+
+
+def series_of(
+    plan: Plan, force: Any, t: Any, *, like: Array, modes: Sequence[Array] | Array = (), fence: bool = False
+) -> Series:
+    """Series without coefficients yet.
+
+    Args:
+        plan: operations.
+        force: the force with the numbers of now.
+        t: time.
+        like: array of the shape of the positions, (n, ...).
+        modes: number of knots below the guard of every switch.
+        fence: whether XLA computes each order once.
+    """
+    if len(modes) != plan.num_switches:
+        raise ValueError(f"The force has {plan.num_switches} switches, but {len(modes)} modes are given.")
+    return Series((), (t, plan.numbers(force), [modes[j] for j in range(len(modes))]), like, plan, fence)
+
+
+def force_at(plan: Plan, force: Any, t: Any, x: Any, v: Any, modes: Sequence[Array] | Array = ()) -> Array:
+    """The force itself, (n, ...), in the branches that the modes say."""
+    return series_of(plan, force, t, like=x, modes=modes).extend(x, v).force(0)
+
+
+def next_row(series: Series, x: Any, v: Any) -> Row:
+    """Coefficients of the next order of every series."""
+    plan, k = series.plan, len(series.rows)
+    row: list[Coefficient] = [None] * plan.size
+    n, (t, numbers, modes) = plan.num_masses, series.given
+    if k == 0:
+        row[0] = t
+        row[1 : 1 + len(numbers)] = numbers
+        for switch, mode in zip(plan.switches, modes, strict=True):
+            row[switch.mode] = mode
+    elif k == 1:
+        row[0] = 1.0
+    first = 1 + plan.num_numbers
+    row[first : first + 2 * n] = [*(x[i] for i in range(n)), *(v[i] for i in range(n))]
+
+    def read(operand: Operand, order: int) -> Coefficient:
+        if is_known(operand):
+            return None if order else _number(operand)
+        return row[operand] if order == k else series.rows[order][operand]
+
+    for operation in plan.operations:
+        row[operation.out] = operation.coefficient(read, k)
+    return tuple(row)
+
+
+def _number(operand: Any) -> Any:
+    return float(operand) if np.issubdtype(operand.dtype, np.floating) else operand
