@@ -8,18 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .operations import (
-    Branch,
     Chosen,
     Computed,
-    CubeRoot,
     Fixed,
     Integral,
     InverseIntegral,
     Linear,
     Operand,
     Operation,
-    Power,
-    PowerReciprocal,
     Product,
     Quotient,
     Reciprocal,
@@ -29,8 +25,8 @@ from .operations import (
     chosen,
     is_known,
     is_zero,
-    power,
 )
+from .powers import ClosingPower, CubeRoot, Power, PowerReciprocal, ScaledPower, power
 from .switches import Switch
 
 
@@ -54,7 +50,7 @@ class Builder:
 
     def leaf(self, *, is_fixed: bool = False) -> int:
         """A series that is given."""
-        leaf = self._new()
+        leaf = self.new()
         if is_fixed:
             self.fixed.add(leaf)
         return leaf
@@ -64,18 +60,21 @@ class Builder:
         """Number of series."""
         return self._size
 
-    def _new(self) -> int:
+    def new(self) -> int:
+        """Number of a new series."""
         self._size += 1
         return self._size - 1
 
-    def _add(self, operation: Operation) -> int:
+    def add(self, operation: Operation) -> int:
+        """Add an operation; its series."""
         self.operations.append(operation)
         self.by_out[operation.out] = operation
         if isinstance(operation, Fixed):
             self.fixed.add(operation.out)
         return operation.out
 
-    def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+    def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """What `make` gives, made once for a key."""
         if key not in self._memo:
             self._memo[key] = make()
         return self._memo[key]
@@ -89,11 +88,11 @@ class Builder:
         if all(map(is_known, args)):
             with jax.ensure_compile_time_eval():
                 return np.asarray(function(*args))[()]
-        key = "computed", key, tuple(map(_key, args))
-        return self._once(key, lambda: self._add(Computed(self._new(), tuple(args), function)))
+        key = "computed", key, tuple(map(key_of, args))
+        return self.once(key, lambda: self.add(Computed(self.new(), tuple(args), function)))
 
     def _is_fixed(self, *args: Operand) -> bool:
-        return all(map(self.is_fixed, args)) and not all(map(is_known, args))
+        return all(map(self.is_fixed, args))
 
     # sums and products
     def linear(self, terms: Sequence[tuple[Any, Operand]], constant: Any = 0.0) -> Operand:
@@ -114,10 +113,10 @@ class Builder:
         key = "linear", args, values, total
         if all(map(self.is_fixed, args)):
             return self.compute(lambda *a: _sum(values, a, total), args, key)
-        return self._once(key, lambda: self._add(Linear(self._new(), args, values, total)))
+        return self.once(key, lambda: self.add(Linear(self.new(), args, values, total)))
 
     def multiply(self, a: Operand, b: Operand) -> Operand:
-        """a b."""
+        """A b."""
         if is_known(a) or is_known(b):
             known, other = (a, b) if is_known(a) else (b, a)
             return np.float64(0) if is_zero(known) else self.linear([(known, other)])
@@ -127,15 +126,13 @@ class Builder:
         args = tuple(sorted((a, b), key=lambda s: (s not in self.fixed, s)))
         if self._is_fixed(a, b):
             return self.compute(jnp.multiply, args, "multiply")
-        return self._once(("multiply", args), lambda: self._add(Product(self._new(), args)))
+        return self.once(("multiply", args), lambda: self.add(Product(self.new(), args)))
 
     def square(self, a: Operand) -> Operand:
         """a^2."""
-        if is_known(a):
-            return np.float64(a * a)
         if self._is_fixed(a):
             return self.compute(jnp.square, (a,), "square")
-        return self._once(("square", a), lambda: self._add(Square(self._new(), (a,))))
+        return self.once(("square", a), lambda: self.add(Square(self.new(), (a,))))
 
     def integer_power(self, a: Operand, n: int) -> Operand:
         """a^n by products."""
@@ -149,10 +146,10 @@ class Builder:
     # divisions and roots
     def reciprocal(self, a: Operand) -> Operand:
         """1 / a_0, which does not change."""
-        return self._once(("reciprocal", a), lambda: self._add(Reciprocal(self._new(), (a,))))
+        return self.once(("reciprocal", a), lambda: self.add(Reciprocal(self.new(), (a,))))
 
     def divide(self, a: Operand, b: Operand) -> Operand:
-        """a / b."""
+        """A / b."""
         if is_zero(a):
             return a
         if is_known(b):
@@ -161,60 +158,80 @@ class Builder:
             return self.compute(jnp.divide, (a, b), "divide")
         if self.is_fixed(b):
             return self.multiply(a, self.reciprocal(b))
-        make = lambda: self._add(Quotient(self._new(), (a, b, self.reciprocal(b))))  # noqa: E731
-        return self._once(("divide", _key(a), b), make)
+        make = lambda: self.add(Quotient(self.new(), (a, b, self.reciprocal(b))))  # noqa: E731
+        return self.once(("divide", key_of(a), b), make)
 
     def sqrt(self, a: Operand) -> Operand:
         """Square root."""
         if self._is_fixed(a):
             return self.compute(jnp.sqrt, (a,), "sqrt")
-        if self._comes_from_choice(a):  # may be zero for good
+        if self._chooser(a) is not None:  # may be zero for good
             return self.power(a, np.float64(0.5))
 
         def make() -> int:
-            out, inverse = self._new(), self._new()
-            self._add(SquareRoot(out, (a, inverse)))
-            self._memo["reciprocal", out] = self._add(Reciprocal(inverse, (out,)))
+            out, inverse = self.new(), self.new()
+            self.add(SquareRoot(out, (a, inverse)))
+            self._memo["reciprocal", out] = self.add(Reciprocal(inverse, (out,)))
             return out
 
-        return self._once(("sqrt", a), make)
+        return self.once(("sqrt", a), make)
 
     def power(self, a: Operand, p: Operand) -> Operand:
         """a^p with a p that does not change."""
         if is_known(p) and float(p).is_integer() and abs(p) <= 64:
             return self.integer_power(a, int(p))
-        is_clipped = not is_known(a) and self._comes_from_choice(a)
+        is_clipped = not is_known(a) and self._chooser(a) is not None
         if self._is_fixed(a, p):
             return self.compute(lambda a, p: power(a, p, is_clipped), (a, p), ("power", is_clipped))
 
         def make() -> int:
-            inverse = self._add(PowerReciprocal(self._new(), (a,), is_clipped))
-            return self._add(Power(self._new(), (a, p, inverse), is_clipped))
+            inverse = self.add(PowerReciprocal(self.new(), (a,), is_clipped))
+            plain = self.add(Power(self.new(), (a, p, inverse), is_clipped))
+            return self._closing(plain, a, float(p)) if is_clipped and is_known(p) else plain
 
-        return self._once(("power", a, _key(p)), make)
+        return self.once(("power", a, key_of(p)), make)
+
+    def _closing(self, plain: int, a: int, p: float) -> int:
+        """Power with the series in the root of time that a closing contact has."""
+        modes = self._modes_of(self._chooser(a))
+        if not modes or p < 1 or not (2 * p).is_integer():
+            return plain
+        scaled = [self.add(ScaledPower(self.new(), (a,), p, lead)) for lead in (2, 4)]
+        return self.add(ClosingPower(self.new(), (plain, *scaled, a), p, modes))
 
     def cube_root(self, a: Operand) -> Operand:
         """Cube root, of negative numbers too."""
-        third = lambda inverse: self._add(CubeRoot(self._new(), (a, inverse)))  # noqa: E731
+        third = lambda inverse: self.add(CubeRoot(self.new(), (a, inverse)))  # noqa: E731
         if self._is_fixed(a):
             return self.compute(jnp.cbrt, (a,), "cbrt")
-        return self._once(("cbrt", a), lambda: third(self._add(PowerReciprocal(self._new(), (a,), False))))
+        return self.once(("cbrt", a), lambda: third(self.add(PowerReciprocal(self.new(), (a,), False))))
 
-    def _comes_from_choice(self, a: int) -> bool:
-        """True for a branch that was chosen, times numbers: negative by rounding only where it is meant to be zero."""
+    def _chooser(self, a: int) -> Operand | None:
+        """What decides about a branch that was chosen, times numbers: negative by rounding only where it is meant to be zero."""
         operation = self.by_out.get(a)
         if isinstance(operation, Chosen):
-            return True
-        if isinstance(operation, Linear):
-            return len(operation.args) == 1 and not operation.constant and self._comes_from_choice(operation.args[0])
-        if isinstance(operation, Product):
-            return self.is_fixed(operation.args[0]) and self._comes_from_choice(operation.args[1])
-        return False
+            return operation.args[0]
+        is_multiple = isinstance(operation, Linear) and len(operation.args) == 1 and not operation.constant
+        if is_multiple or (isinstance(operation, Product) and self.is_fixed(operation.args[0])):
+            return self._chooser(operation.args[-1])
+        return None
+
+    def _modes_of(self, which: Operand) -> tuple[int, ...]:
+        """Modes that a flag or a number depends on."""
+        modes = {switch.mode for switch in self.switches}
+        found, waiting = set(), [which]
+        while waiting:
+            a = waiting.pop()
+            if is_known(a) or a in found:
+                continue
+            found.add(a)
+            waiting.extend(self.by_out[a].args if a in self.by_out else ())
+        return tuple(sorted(found & modes))
 
     # functions with simple derivatives
     def slope(self, a: Operand) -> Operand:
         """Coefficients k a_k."""
-        return self._once(("slope", a), lambda: self._add(Slope(self._new(), (a,))))
+        return self.once(("slope", a), lambda: self.add(Slope(self.new(), (a,))))
 
     def integral(
         self,
@@ -247,10 +264,10 @@ class Builder:
         of = tuple(of)
         if self._is_fixed(*of):
             return [self.compute(value, of, (key, j)) for j, value in enumerate(values)]
-        return self._once((key, *map(_key, of)), lambda: self._integrals(values, of, pairs))
+        return self.once((key, *map(key_of, of)), lambda: self._integrals(values, of, pairs))
 
     def _integrals(self, values: Sequence[Callable], of: tuple, pairs: Callable) -> list[Operand]:
-        outs = [self._new() for _ in values]
+        outs = [self.new() for _ in values]
         slopes: dict[Operand, Operand] = {}
         at = len(self.operations)
         for out, value, own in zip(outs, values, pairs(outs), strict=True):
@@ -294,12 +311,12 @@ class Builder:
             return self.compute(value, (a,), key)
 
         def make() -> int:
-            out, slope = self._new(), self._new()
-            self._add(InverseIntegral(out, (a, g, slope, self.reciprocal(g)), value))
-            self._memo["slope", out] = self._add(Slope(slope, (out,)))
+            out, slope = self.new(), self.new()
+            self.add(InverseIntegral(out, (a, g, slope, self.reciprocal(g)), value))
+            self._memo["slope", out] = self.add(Slope(slope, (out,)))
             return out
 
-        return self._once((key, a), make)
+        return self.once((key, a), make)
 
     # choices
     def choose(self, which: Operand, cases: Sequence[Operand]) -> Operand:
@@ -311,57 +328,8 @@ class Builder:
         args = (which, *cases)
         if all(map(self.is_fixed, cases)):
             return self.compute(lambda which, *cases: chosen(which, list(cases)), args, "choose")
-        key = "choose", *map(_key, args)
-        return self._once(key, lambda: self._add(Chosen(self._new(), args)))
-
-    def above(self, a: Operand, b: Operand) -> Operand:
-        """Flag that a > b."""
-        terms, constant = self.terms(a)
-        others, other = self.terms(b)
-        for s, c in others.items():
-            terms[s] = terms.get(s, 0.0) - c
-        constant -= other
-        moving = {s: c for s, c in terms.items() if c and s not in self.fixed}
-        if not moving:
-            still = self.linear([(c, s) for s, c in terms.items()], constant)
-            return np.bool_(still > 0) if is_known(still) else self.compute(lambda d: jnp.greater(d, 0), (still,), "above")
-        # Equal and opposite guards are one.
-        unit = moving[min(moving)]
-        guard = self.linear([(c / unit, s) for s, c in moving.items()])
-        still = {s: c for s, c in terms.items() if c and s in self.fixed}
-        knot = self.linear([(-c / unit, s) for s, c in still.items()], -constant / unit)
-        flag = self.branch(guard, (knot,), 0)
-        return flag if unit > 0 else self.compute(jnp.logical_not, (flag,), "not")
-
-    def terms(self, a: Operand) -> tuple[dict[int, float], float]:
-        """Factors of the series that a sum is made of, and its constant."""
-        if is_known(a):
-            return {}, float(a)
-        operation = self.by_out.get(a)
-        if not isinstance(operation, Linear):
-            return {a: 1.0}, 0.0
-        total, constant = {}, operation.constant
-        for c, b in zip(operation.factors, operation.args, strict=True):
-            inner, other = self.terms(b)
-            constant += c * other
-            for s, d in inner.items():
-                total[s] = total.get(s, 0.0) + c * d
-        return total, constant
-
-    def switch(self, guard: int, knots: Sequence[Operand]) -> int:
-        """Series of the mode of a switch: the number of knots below its guard."""
-
-        def make() -> int:
-            mode = self.leaf(is_fixed=True)
-            self.switches.append(Switch(guard, tuple(knots), mode))
-            return mode
-
-        return self._once(("switch", guard, *map(_key, knots)), make)
-
-    def branch(self, guard: int, knots: Sequence[Operand], knot: int) -> Operand:
-        """Flag that a guard is above a knot."""
-        mode = self.switch(guard, knots)
-        return self._once(("branch", mode, knot), lambda: self._add(Branch(self._new(), (mode,), knot)))
+        key = "choose", *map(key_of, args)
+        return self.once(key, lambda: self.add(Chosen(self.new(), args)))
 
 
 def _sum(factors: Sequence[float], numbers: Sequence[Any], constant: float) -> Any:
@@ -371,9 +339,9 @@ def _sum(factors: Sequence[float], numbers: Sequence[Any], constant: float) -> A
     return total
 
 
-def _key(operand: Operand) -> Hashable:
+def key_of(operand: Operand) -> Hashable:
     return ("known", operand.tobytes(), operand.dtype.char) if is_known(operand) else operand
 
 
 def _same(a: Operand, b: Operand) -> bool:
-    return _key(a) == _key(b)
+    return key_of(a) == key_of(b)

@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import eval_jaxpr
 
 from .._lanes.control import needs_of  # and its rules
 from .._lanes.elements import as_elements, shaped
@@ -30,14 +31,17 @@ class ForceProgram(Program):
         name = equation.primitive.name
         if equation.params.get("name") == "_interp":
             return [_table(equation, xs)]
-        if name == "while" or any(np.issubdtype(v.aval.dtype, np.complexfloating) for v in equation.outvars):
+        is_call = any(key in equation.params for key in ("jaxpr", "call_jaxpr", "fun_jaxpr"))
+        is_complex = any(np.issubdtype(v.aval.dtype, np.complexfloating) for v in equation.outvars)
+        if is_complex and not is_call:
+            raise Refused("complex numbers", "have no Taylor series here")
+        if name == "while":
             raise Refused(name)
         try:
             return super()._apply(equation, xs)
         except NotImplementedError as error:
-            unknown = name in RULES  # a rule for known indices
-            reason = "has no Taylor series" if not unknown else f"has no Taylor series here ({error})"
-            raise Refused(name, reason) from None
+            reason = "needs indices that are known" if name in RULES else "has no Taylor series"
+            raise Refused(name, reason) from error
 
 
 def _table(equation: Any, xs: list[np.ndarray]) -> np.ndarray:
@@ -59,7 +63,7 @@ def _ends(inner: Any, size: int) -> tuple[bool, bool]:
     with jax.ensure_compile_time_eval():
         for at in (-1.0, float(size)):
             given = jnp.full(x.shape, at, x.dtype), jnp.asarray(line), jnp.asarray(line, values.dtype)
-            found.append(np.asarray(jax.core.eval_jaxpr(inner.jaxpr, inner.consts, *given)[0]).flat[0])
+            found.append(np.asarray(eval_jaxpr(inner.jaxpr, inner.consts, *given)[0]).flat[0])
     return bool(found[0] < -0.5), bool(found[1] > size - 0.5)
 
 

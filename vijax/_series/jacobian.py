@@ -1,33 +1,28 @@
 """Derivatives of series by the series of a position or velocity, as further series of the same builder."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .builder import Builder
 from .operations import Operand, is_known
 
 
-class Column:
-    """Derivatives by one leaf; known zeros where there is none."""
+def derivatives(build: Builder, series: Sequence[Operand], leaf: int) -> list[Operand]:
+    """Derivatives of series by a leaf, known zeros where there is none."""
+    operations = [operation for operation in build.operations if operation.out not in build.fixed]
+    found: dict[int, Operand] = {leaf: np.float64(1)}
 
-    def __init__(self, build: Builder, leaf: int):
-        self._build = build
-        self._found: dict[int, Operand] = {leaf: np.float64(1)}
-        self._operations = dict(build.by_out)
-        self._reach = _reach(build, leaf)
+    def of(operand: Operand) -> Operand:
+        return np.float64(0) if is_known(operand) else found.get(operand, np.float64(0))
 
-    def of(self, series: Operand) -> Operand:
-        """Derivative of a series."""
-        if is_known(series) or series not in self._reach:
-            return np.float64(0)
-        if series not in self._found:
-            self._found[series] = self._operations[series].derivative(self._build, self.of)
-        return self._found[series]
-
-
-def _reach(build: Builder, leaf: int) -> set[int]:
-    """Series that depend on a leaf."""
+    needed = {s for s in series if not is_known(s)}
+    for operation in reversed(operations):
+        if operation.out in needed:
+            needed.update(a for a in operation.sources if not is_known(a))
     reach = {leaf}
-    for operation in build.operations:
-        if operation.out not in build.fixed and any(a in reach for a in operation.args if not is_known(a)):
+    for operation in operations:
+        if operation.out in needed and any(a in reach for a in operation.sources if not is_known(a)):
             reach.add(operation.out)
-    return reach
+            found[operation.out] = operation.derivative(build, of)
+    return [of(s) for s in series]

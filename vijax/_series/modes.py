@@ -1,37 +1,25 @@
 """Modes of the switches of a force: which branches are in force."""
 
-from collections.abc import Iterable
-
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._jax.arrays import Scalar
-from .operations import is_known
+from .operations import Operand, is_known
 from .plan import Plan
 from .series import Series
 
 
 def num_rounds(plan: Plan) -> int:
     """Calls of `decide` until the modes are those of the start: a guard may depend on other modes."""
-    by_out = {operation.out: operation for operation in plan.operations}
-    own = {switch.mode: switch for switch in plan.switches}
-    depths: dict[int, int] = {}
+    guards = {switch.mode: switch.guard for switch in plan.switches}
+    depths: dict[int, int] = {}  # choices, one in another, that a series depends on
 
-    def depth(series: int) -> int:
-        """Number of choices, one in another, that a series depends on."""
-        if series not in depths:
-            depths[series] = 0  # series that need each other
-            if series in own:
-                depths[series] = 1 + depth(own[series].guard)
-            elif series in by_out:
-                depths[series] = _largest(depth(a) for a in by_out[series].args if not is_known(a))
-        return depths[series]
+    def depth(operand: Operand) -> int:
+        return 1 + depth(guards[operand]) if operand in guards else depths.get(operand, 0)
 
-    return 1 + _largest(depth(switch.mode) for switch in plan.switches)
-
-
-def _largest(numbers: Iterable[int]) -> int:
-    return max(numbers, default=0)
+    for operation in plan.operations:
+        depths[operation.out] = max((depth(a) for a in operation.args if not is_known(a)), default=0)
+    return 1 + max(map(depth, guards), default=0)
 
 
 def decide(series: Series) -> Array:
@@ -65,17 +53,22 @@ def next_knot(series: Series, switch: int) -> tuple[Scalar, Scalar]:
     is_moving = (rate != 0) & (jnp.abs(knot) < jnp.inf)
     # Where the guard is time itself, the knot is the time to the last digit.
     t = series.given[0]
-    time = knot if series.plan.switches[switch].guard == 0 else t + (knot - start) / jnp.where(is_moving, rate, 1)
+    time = (
+        knot
+        if series.plan.switches[switch].guard == 0
+        else t + (knot - start) / jnp.where(is_moving, rate, 1)
+    )
     return jnp.where(is_moving, time, jnp.inf), jnp.where(is_up, 1, -1).astype(series.like.dtype)
 
 
 def bounds_of_mode(series: Series, switch: int, mode: Scalar) -> tuple[Scalar, Scalar]:
     """Knots below and above a mode, infinite if there is none."""
-    low, high = jnp.full_like(series.guard(switch, 0), -jnp.inf), jnp.full_like(series.guard(switch, 0), jnp.inf)
+    low, high = (
+        jnp.full_like(series.guard(switch, 0), -jnp.inf),
+        jnp.full_like(series.guard(switch, 0), jnp.inf),
+    )
     for number in range(len(series.plan.switches[switch].knots)):
         knot = series.knot(switch, number)
         high = jnp.where(mode == number, knot, high)
         low = jnp.where(mode == number + 1, knot, low)
     return low, high
-
-

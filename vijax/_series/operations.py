@@ -17,8 +17,20 @@ import numpy as np
 
 Operand = Any
 Coefficient = Any
-# Coefficient of an operand at an order.
-Read = Callable[[Operand, int], Coefficient]
+
+
+class Read(abc.ABC):
+    """Coefficients that are there.
+
+    Attributes:
+        fresh: for the series of every mode, whether it has just changed, if the series are in the root of time; else None.
+    """
+
+    fresh: dict[int, Coefficient] | None
+
+    @abc.abstractmethod
+    def __call__(self, operand: Operand, k: int) -> Coefficient:
+        """Coefficient k of an operand."""
 
 
 def is_known(operand: Operand) -> bool:
@@ -45,7 +57,9 @@ def times(factor: Coefficient, a: Coefficient) -> Coefficient:
     return factor * a
 
 
-def cauchy(read: Read, a: Operand, b: Operand, k: int, first: int = 0, last: int | None = None) -> Coefficient:
+def cauchy(
+    read: Read, a: Operand, b: Operand, k: int, first: int = 0, last: int | None = None
+) -> Coefficient:
     """Sum of a_j b_{k-j} over j from `first` to `last`, k if that is None."""
     total = None
     for j in range(first, (k if last is None else last) + 1):
@@ -64,6 +78,11 @@ class Operation(abc.ABC):
     def coefficient(self, read: Read, k: int) -> Coefficient:
         """Coefficient k. Those of the arguments are there up to k, its own and those of later series below k."""
 
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        """Arguments whose derivatives make its own."""
+        return self.args
+
     @abc.abstractmethod
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         """Series of the derivative by a leaf, made by a `Builder` from those of the arguments."""
@@ -75,7 +94,7 @@ class Operation(abc.ABC):
 
 @dataclass(eq=False, frozen=True)
 class Linear(Operation):
-    """y = sum of c a, plus a constant."""
+    """Series y = sum of c a, plus a constant."""
 
     factors: tuple[float, ...]
     constant: float
@@ -95,10 +114,11 @@ class Linear(Operation):
 
 
 class Product(Operation):
-    """y = a b."""
+    """Series y = a b."""
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
-        return cauchy(read, *self.args, k)
+        a, b = self.args
+        return cauchy(read, a, b, k)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         a, b = self.args
@@ -106,7 +126,7 @@ class Product(Operation):
 
 
 class Square(Operation):
-    """y = a^2, with half the products."""
+    """Series y = a^2, with half the products."""
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         (a,) = self.args
@@ -122,7 +142,11 @@ class Square(Operation):
 
 
 class Quotient(Operation):
-    """y = a / b, from y b = a. The third argument is `Reciprocal` of b."""
+    """Series y = a / b, from y b = a. The third argument is `Reciprocal` of b."""
+
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        return self.args[:2]
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         a, b, inverse = self.args
@@ -134,7 +158,11 @@ class Quotient(Operation):
 
 
 class SquareRoot(Operation):
-    """y = sqrt(a), from y^2 = a. The second argument is `Reciprocal` of y."""
+    """Series y = sqrt(a), from y^2 = a. The second argument is `Reciprocal` of y."""
+
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        return self.args[:1]
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         a, inverse = self.args
@@ -154,7 +182,7 @@ class SquareRoot(Operation):
 
 @dataclass(eq=False, frozen=True)
 class Integral(Operation):
-    """y' = sum of c g x'. The arguments are the pairs `Slope` of x and g, then x of every pair.
+    """Series y' = sum of c g x'. The arguments are the pairs `Slope` of x and g, then x of every pair.
 
     Attributes:
         value: function of the values of `of` for order 0.
@@ -165,6 +193,10 @@ class Integral(Operation):
     value: Callable
     of: tuple[Operand, ...]
     factors: tuple[float, ...]
+
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        return self.args[2::3]
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         if k == 0:
@@ -184,13 +216,17 @@ class Integral(Operation):
 
 @dataclass(eq=False, frozen=True)
 class InverseIntegral(Operation):
-    """y' g = x'. The arguments are x, g, `Slope` of y and `Reciprocal` of g.
+    """Series y' g = x'. The arguments are x, g, `Slope` of y and `Reciprocal` of g.
 
     Attributes:
         value: function of the value of x for order 0.
     """
 
     value: Callable
+
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        return self.args[:1]
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         x, g, slope, inverse = self.args
@@ -202,74 +238,12 @@ class InverseIntegral(Operation):
         return build.divide(of(self.args[0]), self.args[1])
 
 
-@dataclass(eq=False, frozen=True)
-class Power(Operation):
-    """y = a^p, from a y' = p y a'. The arguments are a, p, and `PowerReciprocal` of a.
-
-    Where a is zero, y is zero for good: force of a contact that is open.
-
-    Attributes:
-        is_clipped: a is not negative but by rounding, because a branch was chosen.
-    """
-
-    is_clipped: bool
-
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        a, p, inverse = self.args
-        exponent = float(p) if is_known(p) else read(p, 0)
-        if k == 0:
-            return power(read(a, 0), exponent, self.is_clipped)
-        return times(read(inverse, 0), power_sum(read, a, self.out, exponent, k))
-
-    def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
-        a, p, _ = self.args
-        if is_zero(of(a)):
-            return of(a)
-        lower = build.power(a, build.linear([(1, p)], -1))
-        return build.multiply(p, build.multiply(lower, of(a)))
-
-    def num_operations(self, k: int) -> int:
-        return 4 * k + 1 if k else 60
-
-
-def power_sum(read: Read, a: Operand, y: Operand, p: Coefficient, k: int) -> Coefficient:
-    """Coefficient k of a_0 times y, from a y' = p y a'."""
-    total = None
-    for j in range(1, k + 1):
-        factor = p * (j / k) - (k - j) / k
-        total = plus(total, times(factor, times(read(a, j), read(y, k - j))))
-    return total
-
-
-def power(a: Coefficient, p: Coefficient, is_clipped: bool) -> Coefficient:
-    """a^p, with a derivative of zero where a is zero, or below if `is_clipped`."""
-    is_zero = _is_off(a, is_clipped)
-    at_zero = jnp.where(jnp.greater(p, 0), 0.0, jnp.where(jnp.equal(p, 0), 1.0, jnp.inf))
-    return jnp.where(is_zero, at_zero, jnp.power(jnp.where(is_zero, 1.0, a), p))
-
-
-class CubeRoot(Operation):
-    """y = cbrt(a), from 3 a y' = y a'. The second argument is `PowerReciprocal` of a."""
-
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        a, inverse = self.args
-        if k == 0:
-            return jnp.cbrt(read(a, 0))
-        return times(read(inverse, 0), power_sum(read, a, self.out, 1 / 3, k))
-
-    def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
-        return build.divide(build.linear([(1 / 3, of(self.args[0]))]), build.square(self.out))
-
-    def num_operations(self, k: int) -> int:
-        return 4 * k + 1 if k else 60
-
-
-def _is_off(a: Coefficient, is_clipped: bool) -> Coefficient:
-    return jnp.less_equal(a, 0) if is_clipped else jnp.equal(a, 0)
-
-
 class Chosen(Operation):
     """One of several series. The first argument is the constant that says which: a flag, or the number of the case."""
+
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        return self.args[1:]
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         which, *cases = self.args
@@ -298,6 +272,10 @@ def chosen(which: Coefficient, cases: list[Coefficient]) -> Coefficient:
 class Slope(Operation):
     """Coefficients k a_k: of the derivative by time, times time."""
 
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        return ()
+
     def coefficient(self, read: Read, k: int) -> Coefficient:
         return times(float(k), read(self.args[0], k)) if k else None
 
@@ -310,6 +288,10 @@ class Slope(Operation):
 
 class Fixed(Operation):
     """Number that does not change along the motion: it has order 0 alone, and no derivative."""
+
+    @property
+    def sources(self) -> tuple[Operand, ...]:
+        return ()
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         return np.float64(0)
@@ -333,20 +315,6 @@ class Reciprocal(Fixed):
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         return None if k else 1 / read(self.args[0], 0)
-
-
-@dataclass(eq=False, frozen=True)
-class PowerReciprocal(Fixed):
-    """1 / a_0, and zero where a_0 is; `is_clipped` as of `Power`."""
-
-    is_clipped: bool
-
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        if k:
-            return None
-        a = read(self.args[0], 0)
-        is_zero = _is_off(a, self.is_clipped)
-        return jnp.where(is_zero, 0.0, 1 / jnp.where(is_zero, 1.0, a))
 
 
 @dataclass(eq=False, frozen=True)

@@ -14,8 +14,9 @@ from jaxtyping import Array
 from .._lanes.graph import Node
 from .builder import Builder
 from .graph_of_force import is_known, ordered_nodes, scalars_of
-from .jacobian import Column
+from .jacobian import derivatives
 from .operations import Linear, Operand, Operation, Product
+from .powers import ClosingPower
 from .primitives import series_of
 from .switches import Switch
 
@@ -30,10 +31,12 @@ class Plan:
         size: number of series.
         operations: all that is computed.
         forces: series of the forces, (n,).
-        by_x: entries of the derivatives by positions that are not known to be zero; None without them.
+        by_x: entries of the derivatives by positions that are not known to be zero, with `has_jacobian`.
         by_v: the same by velocities.
         switches: choices between branches.
+        has_jacobian: whether the derivatives have series.
         lanes: arrays have a last axis of lanes.
+        is_given: for each array of the force, whether its numbers are given, or else known.
     """
 
     num_masses: int
@@ -41,10 +44,12 @@ class Plan:
     size: int
     operations: tuple[Operation, ...]
     forces: tuple[Operand, ...]
-    by_x: dict[tuple[int, int], Operand] | None
-    by_v: dict[tuple[int, int], Operand] | None
+    by_x: dict[tuple[int, int], Operand]
+    by_v: dict[tuple[int, int], Operand]
     switches: tuple[Switch, ...]
+    has_jacobian: bool
     lanes: bool
+    is_given: tuple[bool, ...]
 
     @property
     def num_switches(self) -> int:
@@ -52,9 +57,9 @@ class Plan:
         return len(self.switches)
 
     @property
-    def has_jacobian(self) -> bool:
-        """True with the series of the derivatives."""
-        return self.by_x is not None
+    def is_singular(self) -> bool:
+        """True where the force of a contact that closes has a series in the root of time alone."""
+        return any(isinstance(operation, ClosingPower) for operation in self.operations)
 
     def num_operations(self, order: int) -> int:
         """Estimate of the arithmetic operations of all coefficients below an order."""
@@ -62,8 +67,9 @@ class Plan:
 
     def numbers(self, force: Any) -> list[Array]:
         """Numbers of a force as scalars, one for each lane where they differ."""
-        leaves = [a for a in jax.tree.leaves(force) if isinstance(a, jax.Array)]
-        return [row for a in leaves for row in _scalars(a, lanes=self.lanes)]
+        leaves = jax.tree.leaves(eqx.filter(force, eqx.is_array))
+        given = (a for a, yes in zip(leaves, self.is_given, strict=True) if yes)
+        return [row for a in given for row in _scalars(a, lanes=self.lanes)]
 
 
 def plan_force(force: Any, num_masses: int, *, lanes: bool = False, jacobian: bool = False) -> Plan:
@@ -83,21 +89,22 @@ def plan_force(force: Any, num_masses: int, *, lanes: bool = False, jacobian: bo
     leaves, structure = jax.tree.flatten(arrays)
     dtype = jnp.result_type(float)
     shapes = [jax.ShapeDtypeStruct(_shape_of_one(a, lanes=lanes), a.dtype) for a in leaves]
-    is_constant = [not isinstance(a, jax.Array) and _shape_of_one(a, lanes=lanes) == _known(a, lanes=lanes).shape for a in leaves]
-    known = [None, *(_known(a, lanes=lanes) if yes else None for a, yes in zip(leaves, is_constant, strict=True)), None, None]
+    is_constant = [
+        not isinstance(a, jax.Array) and (not lanes or a.ndim == 0 or a.shape[-1] == 1) for a in leaves
+    ]
+    numbers = [_known(a, lanes=lanes) if yes else None for a, yes in zip(leaves, is_constant, strict=True)]
+    known = [None, *numbers, None, None]
     row = jax.ShapeDtypeStruct((num_masses,), dtype)
 
     def of_arrays(t: Any, *given: Any) -> Any:
-        *numbers, x, v = given
-        return eqx.combine(jax.tree.unflatten(structure, numbers), rest)(t, x, v)
+        *own, x, v = given
+        return eqx.combine(jax.tree.unflatten(structure, own), rest)(t, x, v)
 
     nodes, elements = scalars_of(of_arrays, [jax.ShapeDtypeStruct((), dtype), *shapes, row, row], known)
     planner = _Planner(nodes)
     forces = tuple(planner.series(elements))
     build, (x, v) = planner.build, ([planner.at[n] for n in own] for own in nodes[-2:])
-    by_x = by_v = None
-    if jacobian:
-        by_x, by_v = (_jacobian(build, forces, own) for own in (x, v))
+    by_x, by_v = (_jacobian(build, forces, own) if jacobian else {} for own in (x, v))
     in_time = _linear_in_time(build)
     switches = tuple(replace(w, is_time=w.guard in in_time) for w in build.switches)
     return Plan(
@@ -109,13 +116,17 @@ def plan_force(force: Any, num_masses: int, *, lanes: bool = False, jacobian: bo
         by_x,
         by_v,
         switches,
+        jacobian,
         lanes,
+        tuple(not yes for yes in is_constant),
     )
 
 
-def _jacobian(build: Builder, forces: Sequence[Operand], leaves: Sequence[int]) -> dict[tuple[int, int], Operand]:
-    columns = [Column(build, leaf) for leaf in leaves]
-    entries = {(i, j): column.of(f) for i, f in enumerate(forces) for j, column in enumerate(columns)}
+def _jacobian(
+    build: Builder, forces: Sequence[Operand], leaves: Sequence[int]
+) -> dict[tuple[int, int], Operand]:
+    columns = [derivatives(build, forces, leaf) for leaf in leaves]
+    entries = {(i, j): column[i] for i in range(len(forces)) for j, column in enumerate(columns)}
     return {at: entry for at, entry in entries.items() if not (is_known(entry) and entry == 0)}
 
 
@@ -171,9 +182,9 @@ def _shape_of_one(array: Any, *, lanes: bool) -> tuple[int, ...]:
 def _known(array: Any, *, lanes: bool) -> np.ndarray:
     """Numbers that all lanes share, without an axis for the lanes."""
     array = np.asarray(array)
-    return array[..., 0] if lanes and array.ndim and array.shape[-1] == 1 else array
+    return array[..., 0] if lanes and array.ndim else array
 
 
-def _scalars(array: Array, *, lanes: bool) -> list[Array]:
+def _scalars(array: Any, *, lanes: bool) -> list[Array]:
     shape = _shape_of_one(array, lanes=lanes)
     return [array[at] for at in np.ndindex(shape)]

@@ -6,7 +6,6 @@ numbers that do not change along the motion need no rule.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ import numpy as np
 from jax import lax
 
 from .builder import Builder
+from .choices import above, equal
 from .graph_of_force import TABLE
 from .operations import Operand, is_known
 from .refused import Refused
@@ -99,10 +99,12 @@ def _hyperbolic(place: int) -> Rule:
 
 
 def _with_square(value: Callable, sign: int, key: str) -> Rule:
-    """y' = (1 + sign y^2) x'."""
+    """Y' = (1 + sign y^2) x'."""
 
     def rule(build: Builder, a: Operand, **_: Any) -> Operand:
-        return build.integral(value, (a,), lambda y: [(1, build.linear([(sign, build.square(y))], 1), a)], key)
+        return build.integral(
+            value, (a,), lambda y: [(1, build.linear([(sign, build.square(y))], 1), a)], key
+        )
 
     return rule
 
@@ -162,7 +164,7 @@ def _arctanh(build: Builder, a: Operand, **_: Any) -> Operand:
 
 
 def _arctan2(build: Builder, y: Operand, x: Operand, **_: Any) -> Operand:
-    """r^2 angle' = x y' - y x'."""
+    """From r^2 angle' = x y' - y x'."""
     square = build.linear([(1, build.square(x)), (1, build.square(y))])
     pairs = lambda _: [(1, build.divide(x, square), y), (-1, build.divide(y, square), x)]  # noqa: E731
     return build.integral(jnp.arctan2, (y, x), pairs, "atan2")
@@ -170,18 +172,13 @@ def _arctan2(build: Builder, y: Operand, x: Operand, **_: Any) -> Operand:
 
 def _compare(*, turned: bool) -> Rule:
     def rule(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
-        return build.above(b, a) if turned else build.above(a, b)
+        return above(build, b, a) if turned else above(build, a, b)
 
     return rule
 
 
-def _never(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
-    """Two series are equal at instants alone, unless they are one."""
-    return np.bool_(_is_one(a, b))
-
-
-def _always(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
-    return np.bool_(not _is_one(a, b))
+def _not_equal(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    return build.compute(jnp.logical_not, (equal(build, a, b),), "not")
 
 
 def _is_one(a: Operand, b: Operand) -> bool:
@@ -189,25 +186,25 @@ def _is_one(a: Operand, b: Operand) -> bool:
 
 
 def _abs(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.choose(build.above(a, np.float64(0)), [build.linear([(-1, a)]), a])
+    return build.choose(above(build, a, np.float64(0)), [build.linear([(-1, a)]), a])
 
 
 def _sign(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.choose(build.above(a, np.float64(0)), [np.float64(-1), _ONE])
+    return build.choose(above(build, a, np.float64(0)), [np.float64(-1), _ONE])
 
 
 def _larger(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
     for one, other in ((a, b), (b, a)):
         if is_known(one) and np.isinf(one):
             return one if one > 0 else other
-    return a if _is_one(a, b) else build.choose(build.above(a, b), [b, a])
+    return a if _is_one(a, b) else build.choose(above(build, a, b), [b, a])
 
 
 def _smaller(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
     for one, other in ((a, b), (b, a)):
         if is_known(one) and np.isinf(one):
             return one if one < 0 else other
-    return a if _is_one(a, b) else build.choose(build.above(a, b), [a, b])
+    return a if _is_one(a, b) else build.choose(above(build, a, b), [a, b])
 
 
 def _clamp(build: Builder, low: Operand, a: Operand, high: Operand, **_: Any) -> Operand:
@@ -256,8 +253,8 @@ RULES: dict[str, Rule] = {
     "atan2": _arctan2,
     **dict.fromkeys(("gt", "ge"), _compare(turned=False)),
     **dict.fromkeys(("lt", "le"), _compare(turned=True)),
-    "eq": _never,
-    "ne": _always,
+    "eq": lambda build, a, b, **_: equal(build, a, b),
+    "ne": _not_equal,
     "is_finite": lambda build, a, **_: np.bool_(True),
     "abs": _abs,
     "sign": _sign,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._jax.xla import compute_once
-from .operations import Coefficient, Operand, is_known
+from .operations import Coefficient, Operand, Read, is_known
 from .plan import Plan
 
 Row = tuple[Any, ...]
@@ -22,13 +22,15 @@ class Series(eqx.Module):
         rows: coefficients of every series, order by order; None where they are known to be zero.
         given: time, numbers of the force and modes, of order 0.
         like: array of the shape of the positions.
+        fresh: flags of the modes that have just changed, by the series of the mode, for series in the root of time; else None.
         plan: operations.
         fence: whether XLA computes each order once, not once for each result that needs it.
     """
 
     rows: tuple[Row, ...]
-    given: tuple[Array, list[Array], list[Array]]
+    given: tuple[Any, list[Any], list[Any]]
     like: Array
+    fresh: dict[int, Any] | None
     plan: Plan = eqx.field(static=True)
     fence: bool = eqx.field(static=True, default=False)
 
@@ -66,8 +68,8 @@ class Series(eqx.Module):
         """The same by velocity j."""
         return self._entries(self.plan.by_v, k)
 
-    def _entries(self, entries: dict | None, k: int) -> dict[tuple[int, int], Array]:
-        if entries is None:
+    def _entries(self, entries: dict[tuple[int, int], Operand], k: int) -> dict[tuple[int, int], Array]:
+        if not self.plan.has_jacobian:
             raise ValueError("The plan was made without `jacobian=True`.")
         found = {at: self.coefficient(entry, k) for at, entry in entries.items()}
         return {at: jnp.asarray(entry, self.like.dtype) for at, entry in found.items() if entry is not None}
@@ -79,7 +81,14 @@ class Series(eqx.Module):
 
 
 def series_of(
-    plan: Plan, force: Any, t: Any, *, like: Array, modes: Sequence[Array] | Array = (), fence: bool = False
+    plan: Plan,
+    force: Any,
+    t: Any,
+    *,
+    like: Array,
+    modes: Any = (),
+    fresh: Any = None,
+    fence: bool = False,
 ) -> Series:
     """Series without coefficients yet.
 
@@ -89,14 +98,18 @@ def series_of(
         t: time.
         like: array of the shape of the positions, (n, ...).
         modes: number of knots below the guard of every switch.
+        fresh: flags of the modes that have just changed: the series are then in w, with time t + w^2, so that x' = 2 w v and
+            v' = 2 w a. A contact that closes by a power has such a series alone, see `Plan.is_singular`.
         fence: whether XLA computes each order once.
     """
     if len(modes) != plan.num_switches:
         raise ValueError(f"The force has {plan.num_switches} switches, but {len(modes)} modes are given.")
-    return Series((), (t, plan.numbers(force), [modes[j] for j in range(len(modes))]), like, plan, fence)
+    given = t, plan.numbers(force), [modes[j] for j in range(len(modes))]
+    flags = None if fresh is None else {w.mode: fresh[j] for j, w in enumerate(plan.switches)}
+    return Series((), given, like, flags, plan, fence)
 
 
-def force_at(plan: Plan, force: Any, t: Any, x: Any, v: Any, modes: Sequence[Array] | Array = ()) -> Array:
+def force_at(plan: Plan, force: Any, t: Any, x: Any, v: Any, modes: Any = ()) -> Array:
     """The force itself, (n, ...), in the branches that the modes say."""
     return series_of(plan, force, t, like=x, modes=modes).extend(x, v).force(0)
 
@@ -111,19 +124,27 @@ def next_row(series: Series, x: Any, v: Any) -> Row:
         row[1 : 1 + len(numbers)] = numbers
         for switch, mode in zip(plan.switches, modes, strict=True):
             row[switch.mode] = mode
-    elif k == 1:
+    elif k == (1 if series.fresh is None else 2):
         row[0] = 1.0
     first = 1 + plan.num_numbers
     row[first : first + 2 * n] = [*(x[i] for i in range(n)), *(v[i] for i in range(n))]
 
-    def read(operand: Operand, order: int) -> Coefficient:
-        if is_known(operand):
-            return None if order else _number(operand)
-        return row[operand] if order == k else series.rows[order][operand]
-
+    read = _Rows((*series.rows, row), series.fresh)
     for operation in plan.operations:
         row[operation.out] = operation.coefficient(read, k)
     return tuple(row)
+
+
+class _Rows(Read):
+    """Coefficients order by order."""
+
+    def __init__(self, rows: Sequence[Sequence[Coefficient]], fresh: dict[int, Coefficient] | None):
+        self._rows, self.fresh = rows, fresh
+
+    def __call__(self, operand: Operand, k: int) -> Coefficient:
+        if is_known(operand):
+            return None if k else _number(operand)
+        return self._rows[k][operand]
 
 
 def _number(operand: Any) -> Any:

@@ -6,15 +6,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from .builder import Builder
+from .choices import mode_of
 from .operations import Operand, chosen
 
 
-def table(build: Builder, x: Operand, *numbers: Operand, size: int, ends: tuple[bool, bool], **_: Any) -> Operand:
+def table(
+    build: Builder, x: Operand, *numbers: Operand, size: int, ends: tuple[bool, bool], **_: Any
+) -> Operand:
     """Piecewise linear function through given points, constant beyond the ends unless extrapolated."""
     knots, values = numbers[:size], numbers[size:]
     if build.is_fixed(x):
         return build.compute(lambda x, *n: _interp(x, n, size, ends), (x, *numbers), ("table", size, ends))
-    mode = build.switch(x, knots)
+    mode = mode_of(build, x, knots)
     slopes = [_rise(build, knots, values, k) for k in range(size - 1)]
     zero = np.float64(0)
     # Pieces by the number of knots below: slope, and the point that they pass through.
