@@ -1,6 +1,7 @@
 """Taylor coefficients of forces, and those that they are held against."""
 
 import itertools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,9 @@ from vijax._system.force import as_force, bind_args
 
 def bound(force, num_masses=1, args=None):
     """A force as a machine holds it."""
-    return bind_args(as_force(force), args, num_masses)
+    found = bind_args(as_force(force), args, num_masses)
+    assert found is not None
+    return found
 
 
 def of_time(function, at, order):
@@ -67,7 +70,7 @@ def exact(function, at, order, scale=1.0):
 
 def sizes(coefficients):
     """Sizes that rounding errors are relative to: the largest on a line between logarithms of two coefficients."""
-    sizes = [abs(c) for c in coefficients]
+    sizes: list[Any] = [abs(c) for c in coefficients]
     found = []
     for k, own in enumerate(sizes):
         pairs = itertools.product(range(k), range(k + 1, len(sizes)))

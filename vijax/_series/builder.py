@@ -211,9 +211,10 @@ class Builder:
         operation = self.by_out.get(a)
         if isinstance(operation, Chosen):
             return operation.args[0]
-        is_multiple = isinstance(operation, Linear) and len(operation.args) == 1 and not operation.constant
-        if is_multiple or (isinstance(operation, Product) and self.is_fixed(operation.args[0])):
-            return self._chooser(operation.args[-1])
+        if isinstance(operation, Linear) and len(operation.args) == 1 and not operation.constant:
+            return self._chooser(operation.args[0])
+        if isinstance(operation, Product) and self.is_fixed(operation.args[0]):
+            return self._chooser(operation.args[1])
         return None
 
     def _modes_of(self, which: Operand) -> tuple[int, ...]:
