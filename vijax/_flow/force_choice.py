@@ -1,0 +1,50 @@
+"""Whether the force of a machine has Taylor series here, and the flow that integrates it by these."""
+
+import warnings
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._series.refused import Refused
+from .._system.force import BoundForce
+from .._system.system import ImpactSystem
+from .force_flow import ForceFlow
+from .force_plan import plan_of
+from .taylor import TaylorFlow
+
+# Operations of all coefficients, written out, beyond which a program takes too long to compile.
+_MOST_OPERATIONS = 10_000
+
+_warned: set[str] = set()
+
+
+def why_no_series(system: ImpactSystem) -> str | None:
+    """Sentence that tells why the force of a machine is not integrated by Taylor series; None if it is."""
+    try:
+        plan = _plan(system)
+    except Refused as refused:
+        return str(refused)
+    if plan.num_operations(TaylorFlow().order) > _MOST_OPERATIONS:
+        return "The force has too many operations for Taylor series written out: it moves by `vx.DiffraxFlow()`."
+    return None
+
+
+def force_flow(system: ImpactSystem, wanted: TaylorFlow) -> ForceFlow:
+    """Flow of a machine with a force of which `why_no_series` is None."""
+    return ForceFlow(wanted.order, wanted.tolerance, _plan(system).num_switches)
+
+
+def _plan(system: ImpactSystem) -> Any:
+    lanes = system.stiffness.ndim > 2
+    force = system.force if isinstance(system.force, BoundForce) else BoundForce(system.force, None)
+    as_array = lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a  # noqa: E731
+    return plan_of(jax.tree.map(as_array, force), system.num_masses, lanes=lanes)
+
+
+def warn_once_of(why_not: str) -> None:
+    """Warn that a machine with a force moves by diffrax, once for each reason."""
+    if why_not not in _warned:
+        _warned.add(why_not)
+        warnings.warn(f"{why_not} It moves by `vx.DiffraxFlow()` now.", stacklevel=4)
