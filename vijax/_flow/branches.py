@@ -1,5 +1,6 @@
-"""Branches of a force: abs, max, where, tables. The scalar that a choice depends on is its guard; its mode is the number of
-knots below the guard.
+"""Branches of a force: abs, max, where, tables.
+
+The scalar that a choice depends on is its guard; its mode is the number of knots below the guard.
 
 The memory of the flow carries the modes: within a step they are constant, and a step ends where a guard meets a knot. A zero
 of the guard changes the mode, nothing else. After an event, at which velocities jump, the first coefficient of guard - knot
@@ -7,7 +8,6 @@ that is not zero decides anew.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,12 +20,14 @@ from .._series.modes import bounds_of_mode, decide, next_knot, num_rounds
 from .._series.plan import Plan
 from .._series.series import Series
 from .first_zero import first_zero
-from .series import horner
+from .series import derivative, horner
 
 # Orders by which the first modes are decided.
 DECIDING = 4
 # Value of a mode that is to be decided.
 _UNKNOWN = -1.0
+# Rounding errors of a guard, relative to its terms, in units of the last place.
+_ROUNDINGS = 64
 
 
 class BranchMemory(eqx.Module):
@@ -48,15 +50,12 @@ class Branches(eqx.Module):
         until: time to the first change, infinite if there is none.
         changes: flags of the switches that change then.
         steps: change of each mode, 1 or -1.
-        guards: coefficients of guard - knot of each switch, for the knot that it meets.
-        is_in_time: static, whether each guard is linear in time.
     """
 
     modes: tuple[Scalar, ...]
     until: Scalar
     changes: tuple[Bool[Array, "..."], ...]
     steps: tuple[Scalar, ...]
-    guards: tuple[list[Array], ...]
 
     def after(self, duration: Scalar, has_event: Bool[Array, "..."]) -> BranchMemory:
         """Memory after a flight."""
@@ -74,18 +73,6 @@ class Branches(eqx.Module):
             jnp.where(changes, mode + step, mode)
             for mode, changes, step in zip(self.modes, self.changes, self.steps, strict=True)
         )
-
-    def delays(self) -> tuple[Scalar, ...]:
-        """Zeros whose derivatives are those of the times of the changes at `until`."""
-        found = []
-        until = jax.lax.stop_gradient(jnp.where(jnp.isfinite(self.until), self.until, 0))
-        for guard, changes in zip(self.guards, self.changes, strict=True):
-            value, slope = horner(guard, until), horner([k * c for k, c in enumerate(guard)][1:], until)
-            still = jax.lax.stop_gradient
-            is_simple = changes & (slope != 0)
-            own = -(value - still(value)) / still(jnp.where(is_simple, slope, 1))
-            found.append(jnp.where(is_simple, own, 0))
-        return tuple(found)
 
 
 def unknown_branches(num_switches: int, like: Scalar) -> BranchMemory | None:
@@ -116,52 +103,68 @@ def modes_now(plan: Plan, memory: BranchMemory, series_with: Callable[[tuple], S
     return jax.lax.cond(is_any(is_unknown), decided, lambda: memory.modes)
 
 
-def branches_ahead(series: Series, modes: tuple[Scalar, ...], memory: BranchMemory, limit: Scalar) -> Branches:
-    """Branches in a step of at most `limit`, and the first change in it."""
-    times, zeros, polynomials, fresh = {}, [], [], []
-    steps, guards = [], []
+def branches_ahead(
+    series: Series, modes: tuple[Scalar, ...], memory: BranchMemory, limit: Scalar
+) -> Branches:
+    """Branches in a step of at most `limit`, and the first change in it; a constant."""
+    times, sides, polynomials, fresh = {}, [], [], []
     for s, switch in enumerate(series.plan.switches):
-        c = [series.guard(s, k) for k in range(len(series))]
         if switch.is_time:
             when, step = next_knot(series, s)
-            times[s] = jnp.maximum(when - series.given[0], 0)
-            low, high = bounds_of_mode(series, s, modes[s])
-            knot = jnp.where(step > 0, high, low)
-            steps.append(step)
-            guards.append([c[0] - jnp.where(jnp.isfinite(knot), knot, c[0]), *c[1:]])
+            times[s] = jnp.maximum(when - series.given[0], 0), step
             continue
-        low, high = bounds_of_mode(series, s, modes[s])
-        for side, knot in ((1, high), (-1, low)):
-            is_there = jnp.isfinite(knot)
-            first = jnp.where(is_there, side * (jnp.where(is_there, knot, 0) - c[0]), 1)
+        for side, polynomial in _distances(series, s, modes[s]):
             is_fresh = memory.entered[s] == -side
-            first = jnp.where(is_fresh, 0, jnp.maximum(first, 0))
-            polynomials.append([first, *(jnp.where(is_there, -side * a, 0) for a in c[1:])])
+            first = jnp.where(is_fresh, 0, jnp.maximum(polynomial[0], 0))
+            polynomials.append([first, *polynomial[1:]])
             fresh.append(is_fresh)
-            zeros.append((s, side))
-        steps.append(None)
-        guards.append(None)
+            sides.append((s, side))
+    until, reached, is_zero = jnp.full_like(limit, jnp.inf), [], []
     if polynomials:
         columns = [jnp.stack([p[k] for p in polynomials]) for k in range(len(series))]
-        reached, is_zero = jax.lax.stop_gradient(first_zero(columns, jnp.stack(fresh), limit))
-        nearest = smallest(reached)
-    else:
-        reached, is_zero, nearest = [], [], jnp.full_like(limit, jnp.inf)
-    until = nearest
-    for when in times.values():
-        until = jnp.minimum(until, jax.lax.stop_gradient(when))
-    changes: list[Any] = [None] * len(steps)
-    for s, when in times.items():
-        changes[s] = (when <= until) & (until < limit)
-    for row, (s, side) in enumerate(zeros):
+        reached, is_zero = first_zero(columns, jnp.stack(fresh), limit)
+        until = smallest(reached)
+    for when, _ in times.values():
+        until = jnp.minimum(until, when)
+    none = jnp.zeros(limit.shape, bool)
+    changes, steps = [none] * len(modes), [jnp.ones_like(limit)] * len(modes)
+    for s, (when, step) in times.items():
+        changes[s], steps[s] = (when <= until) & (until < limit), step
+    for row, (s, side) in enumerate(sides):
         is_met = is_zero[row] & (reached[row] <= until) & (until < limit)
-        own = polynomials[row]
-        guard = [-side * a for a in own]
-        if steps[s] is None:
-            changes[s], steps[s], guards[s] = is_met, jnp.full_like(limit, float(side)), guard
-            continue
         changes[s] = changes[s] | is_met
         steps[s] = jnp.where(is_met, float(side), steps[s])
-        guards[s] = [jnp.where(is_met, a, b) for a, b in zip(guard, guards[s], strict=True)]
     until = jnp.where(until < limit, until, jnp.inf)
-    return Branches(modes, until, tuple(changes), tuple(steps), tuple(guards))
+    return Branches(modes, until, tuple(changes), tuple(steps))
+
+
+def _distances(series: Series, s: int, mode: Scalar) -> list[tuple[int, list[Array]]]:
+    """Coefficients of the distances to the knots above (1) and below (-1) a mode; one where there is none."""
+    guard, found = [series.guard(s, k) for k in range(len(series))], []
+    low, high = bounds_of_mode(series, s, mode)
+    for side, knot in ((1, high), (-1, low)):
+        is_there = jnp.isfinite(knot)
+        first = jnp.where(is_there, side * (jnp.where(is_there, knot, 0) - guard[0]), 1)
+        found.append((side, [first, *(jnp.where(is_there, -side * a, 0) for a in guard[1:])]))
+    return found
+
+
+def changes_at(series: Series, modes: tuple[Scalar, ...], step: Scalar) -> tuple[Branches, Scalar]:
+    """Changes at the end of a step that ended on one, and a zero with the derivatives of the time of them.
+
+    Changes at one instant move together, or the force does not jump.
+    """
+    still = jax.lax.stop_gradient
+    delay, changes, steps = jnp.zeros_like(step), [], []
+    for s, mode in enumerate(modes):
+        is_changed, change = jnp.zeros(step.shape, bool), jnp.ones_like(step)
+        for side, c in _distances(series, s, mode):
+            value, slope = horner(c, step), horner(derivative(c), step)
+            size = horner([jnp.abs(a) for a in c], step) + jnp.abs(series.guard(s, 0))
+            is_met = (jnp.abs(value) <= _ROUNDINGS * float(jnp.finfo(size.dtype).eps) * size) & (slope < 0)
+            is_met = still(is_met & (step > 0))
+            delay = jnp.where(is_met, -(value - still(value)) / still(jnp.where(is_met, slope, 1)), delay)
+            is_changed, change = is_changed | is_met, jnp.where(is_met, float(side), change)
+        changes.append(is_changed)
+        steps.append(change)
+    return Branches(modes, still(step), tuple(changes), tuple(steps)), delay

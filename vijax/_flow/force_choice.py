@@ -27,7 +27,9 @@ def why_no_series(system: ImpactSystem) -> str | None:
     except Refused as refused:
         return str(refused)
     if plan.num_operations(TaylorFlow().order) > _MOST_OPERATIONS:
-        return "The force has too many operations for Taylor series written out: it moves by `vx.DiffraxFlow()`."
+        return (
+            "The force has too many operations for Taylor series written out: it moves by `vx.DiffraxFlow()`."
+        )
     return None
 
 
@@ -40,7 +42,7 @@ def _plan(system: ImpactSystem) -> Any:
     lanes = system.stiffness.ndim > 2
     force = system.force if isinstance(system.force, BoundForce) else BoundForce(system.force, None)
     as_array = lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a  # noqa: E731
-    return plan_of(jax.tree.map(as_array, force), system.num_masses, lanes=lanes)
+    return plan_of(jax.tree.map(as_array, force), system.num_masses, lanes=lanes, jacobian=True)
 
 
 def warn_once_of(why_not: str) -> None:

@@ -21,7 +21,7 @@ from .._machine.machine import Machine
 from .._machine.state import State, with_memory
 from .._series.plan import Plan
 from .._series.series import Series, force_at
-from .branches import DECIDING, Branches, branches_ahead, modes_now, unknown_branches
+from .branches import DECIDING, Branches, branches_ahead, changes_at, modes_now, unknown_branches
 from .exact_step import ExpandingFlow, flight_along, move_along, state_after_step
 from .force_plan import plan_of
 from .force_series import LONGEST_PHASE, ForceSeries, force_series, in_space, jacobian_sizes
@@ -85,23 +85,22 @@ class ForceFlow(ExpandingFlow):
         self, machine: Machine, state: State, hold: Held, direction: Scalar | float = 1.0, *, fence: bool
     ) -> ForceExpansion:
         order, tolerance = self._order_and_tolerance(state)
-        plan = self._plan(machine)
-        modes = self._modes(plan, machine, state, hold, fence=fence)
+        plan = self._plan(machine, jacobian=True)
+        modes = self._modes(machine, state, hold, fence=fence)
         motion = force_series(plan, machine, state, hold, modes, order, fence=fence)
         sizes = jacobian_sizes(machine, motion.series, order)
         call = compute_once if fence else _plainly
-        limit = jax.lax.stop_gradient(call(_limit, machine, motion.x, *sizes, tolerance))
-        still = jax.lax.stop_gradient((machine, state, hold, motion))
-        limit = _consistent(plan, *still[:3], modes, still[3], limit, tolerance, direction)
+        limit = call(_limit, machine, motion.x, *sizes, tolerance)
+        limit = _consistent(
+            self._plan(machine), machine, state, hold, modes, motion, limit, tolerance, direction
+        )
         pace, branches = limit, None
         if plan.num_switches:
             # Backwards a branch is continued.
             search = jnp.where(direction > 0, limit, 0)
             branches = call(branches_ahead, motion.series, modes, state.memory, search)
             limit = jnp.minimum(limit, branches.until)
-        x, force, phase = (jnp.stack(a) for a in (motion.x, motion.force, motion.phase))
-        now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
-        return ForceExpansion(now, limit, x, force, phase, pace, branches)
+        return _expansion(motion, limit, pace, branches)
 
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
         """Take the longest step proved free of events, and land on an event close to its end."""
@@ -128,38 +127,28 @@ class ForceFlow(ExpandingFlow):
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Expand the motion, then move; where a branch changes at the end, its time moves with the parameters."""
-        motion = self._expand_plainly(machine, state, hold)
+        """Sum the series; where a branch changes at the end, its time moves with the parameters."""
+        return self._move(machine, state, hold, step)[0]
+
+    def _move(
+        self, machine: Machine, state: State, hold: Held, step: Scalar
+    ) -> tuple[tuple[Array, Array, Array], Any]:
+        """`propagate`, a subject of derivatives, and the branches at the end; None if there is one alone."""
+        order, _ = self._order_and_tolerance(state)
+        plan = self._plan(machine)
+        modes = jax.lax.stop_gradient(self._modes(machine, state, hold, fence=True))
+        found = force_series(plan, machine, state, hold, modes, order, fence=True)
+        motion = _expansion(found, step, step, None)
         displacement, v, change = compute_once(move_along, machine, state, motion, hold, step)
-        if motion.branches is None:
-            return displacement, v, change
-        return displacement, v + self._jump(machine, state, hold, motion, step), change
-
-    def _expand_plainly(
-        self, machine: Machine, state: State, hold: Held, direction: Scalar | float = 1.0
-    ) -> ForceExpansion:
-        """`expand`, a subject of derivatives."""
-        return self._expand(machine, state, hold, direction, fence=True)
-
-    def _jump(self, machine: Machine, state: State, hold: Held, motion: ForceExpansion, step: Scalar) -> Array:
-        """Zero, with the derivatives by which velocities change where the time of a jump of the force does.
-
-        A motion that jumps to another branch later by dt has gained (a - b) dt more, with accelerations a before and b after.
-        """
-        assert motion.branches is not None
-        plan, still = self._plan(machine), jax.lax.stop_gradient
-        moved = state_after_step(machine, state, *move_along(machine, state, motion, hold, step), step)
-        before, after = still(
-            tuple(
-                acceleration(plan, machine, moved, hold, modes)
-                for modes in (motion.branches.modes, motion.branches.at_end())
-            )
+        if not plan.num_switches:
+            return (displacement, v, change), None
+        branches, delay = changes_at(found.series, modes, jnp.abs(step))
+        moved = state_after_step(machine, state, displacement, v, change, step)
+        before, after = jax.lax.stop_gradient(
+            [_acceleration(plan, machine, moved, hold, m) for m in (branches.modes, branches.at_end())]
         )
-        delays = motion.branches.delays()
-        # Changes at one instant move together, or the force does not jump.
-        delay = sum(delays[1:], start=delays[0])
-        is_there = step >= still(motion.branches.until)
-        return jnp.where(is_there, (before - after) * delay, 0)
+        # A motion that jumps to another branch later by dt has gained (before - after) dt more.
+        return (displacement, v + (before - after) * delay, change), branches
 
     def inside(self, machine: Machine, state: State, hold: Held) -> Any:
         """Expand the motion once."""
@@ -168,16 +157,22 @@ class ForceFlow(ExpandingFlow):
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Step as far as the expansion is valid."""
-        hold = machine.hold(state.held)
-        motion = self._expand_plainly(machine, state, hold)
-        step = jnp.minimum(remaining, motion.limit)
-        displacement, v, change = move_along(machine, state, motion, hold, step)
-        if motion.branches is not None:
-            v = v + self._jump(machine, state, hold, motion, step)
-        end = state_after_step(machine, state, displacement, v, change, step)
-        if motion.branches is not None:
-            end = with_memory(end, motion.branches.after(step, jnp.zeros_like(step, bool)))
-        return end, step
+        return self._coast(machine, state, machine.hold(state.held), remaining, 1.0)[:2]
+
+    def _coast(
+        self, machine: Machine, state: State, hold: Held, remaining: Scalar, direction: Scalar | float
+    ) -> tuple[State, Scalar, Array]:
+        """State after a step in a direction, its length without a sign, and the displacement."""
+        still = jax.lax.stop_gradient
+        # Lengths of steps are constants, and the series for them has more in it than that of the motion.
+        ahead = compute_once(partial(self._expand, fence=True), *still((machine, state, hold)), direction)
+        step = jnp.minimum(remaining, ahead.limit)
+        moved, _ = self._move(machine, state, hold, direction * step)
+        end = state_after_step(machine, state, *moved, direction * step)
+        if ahead.branches is not None:
+            memory = ahead.branches.after(still(step), jnp.zeros(step.shape, bool))
+            end = with_memory(end, memory)
+        return end, step, moved[0]
 
     def flow_map(
         self,
@@ -189,26 +184,18 @@ class ForceFlow(ExpandingFlow):
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Follow a whole flight step by step; NaN after too many. Differentiable forward."""
         del change
-        still, direction = jax.lax.stop_gradient, jnp.where(span < 0, -1.0, 1.0)
+        direction, zero = jnp.where(span < 0, -1.0, 1.0), jnp.zeros_like(state.x)
 
         def one(now: _FlowMapState) -> _FlowMapState:
-            here, left = now.state, now.left
-            motion = self._expand_plainly(machine, here, hold, direction)
-            is_last = jnp.abs(left) <= motion.limit
-            step = jnp.where(is_last, left, direction * still(motion.limit))
-            displacement, v, turn = move_along(machine, here, motion, hold, step)
-            if motion.branches is not None:
-                v = v + self._jump(machine, here, hold, motion, jnp.abs(step))
-            end = state_after_step(machine, here, displacement, v, turn, step)
-            if motion.branches is not None:
-                end = with_memory(end, motion.branches.after(still(jnp.abs(step)), jnp.zeros_like(is_last)))
-            left = jnp.where(is_last, 0, left - step)
-            gain = v - here.v
-            return _FlowMapState(end, left, now.displacement + displacement, now.gain + gain, now.num_steps + 1)
+            here = now.state
+            end, step, displacement = self._coast(machine, here, hold, now.left, direction)
+            displacement, gain = now.displacement + displacement, now.gain + (end.v - here.v)
+            return _FlowMapState(end, now.left - step, displacement, gain, now.num_steps + 1)
 
-        begin, nothing = with_memory(state, self.memory(jnp.zeros_like(span))), jnp.zeros_like(state.x)
-        is_on = lambda now: (jnp.abs(now.left) > 0) & (now.num_steps < _MOST_STEPS)  # noqa: E731
-        end = jax.lax.while_loop(is_on, one, _FlowMapState(begin, span, nothing, nothing, jnp.array(0)))
+        begin = with_memory(state, self.memory(jnp.zeros_like(span)))
+        is_on = lambda now: (now.left > 0) & (now.num_steps < _MOST_STEPS)  # noqa: E731
+        start = _FlowMapState(begin, direction * span, zero, zero, jnp.array(0))
+        end = jax.lax.while_loop(is_on, one, start)
         is_there = end.left == 0
         return jnp.where(is_there, end.displacement, jnp.nan), jnp.where(is_there, end.gain, jnp.nan)
 
@@ -216,11 +203,13 @@ class ForceFlow(ExpandingFlow):
         """Branches of the force, not decided yet; None if there is one alone."""
         return unknown_branches(self.num_switches, like)
 
-    def _plan(self, machine: Machine) -> Plan:
+    def _plan(self, machine: Machine, *, jacobian: bool = False) -> Plan:
         assert machine.extra is not None
-        return plan_of(machine.extra.force, machine.num_masses, lanes=machine.mean.ndim > 1)
+        force, lanes = machine.extra.force, machine.mean.ndim > 1
+        return plan_of(force, machine.num_masses, lanes=lanes, jacobian=jacobian)
 
-    def _modes(self, plan: Plan, machine: Machine, state: State, hold: Held, *, fence: bool) -> tuple[Scalar, ...]:
+    def _modes(self, machine: Machine, state: State, hold: Held, *, fence: bool) -> tuple[Scalar, ...]:
+        plan = self._plan(machine)
         if not plan.num_switches:
             return ()
 
@@ -236,7 +225,7 @@ class ForceFlow(ExpandingFlow):
 
         def of_one(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
             plan = self._plan(machine)
-            modes = self._modes(plan, machine, state, hold, fence=fence)
+            modes = self._modes(machine, state, hold, fence=fence)
             motion = force_series(plan, machine, state, hold, modes, terms, fence=fence)
             x, force, phase = (jnp.stack(a) for a in (motion.x, motion.force, motion.phase[: terms + 1]))
             return x, force, phase
@@ -258,6 +247,12 @@ class _FlowMapState(NamedTuple):
     num_steps: Int[Array, ""]
 
 
+def _expansion(motion: ForceSeries, limit: Scalar, pace: Scalar, branches: Branches | None) -> ForceExpansion:
+    x, force, phase = (jnp.stack(a) for a in (motion.x, motion.force, motion.phase))
+    now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
+    return ForceExpansion(now, limit, x, force, phase, pace, branches)
+
+
 def _plainly(function: Any, *args: Any) -> Any:
     return function(*args)
 
@@ -272,7 +267,9 @@ def _limit(machine: Machine, x: list[Array], by_x: list[Any], by_v: list[Any], t
     """Longest step by rules 1 and 2, and for which the phase of the load is right."""
     limit = jnp.minimum(motion_limit(x, tolerance), derivative_limit(by_x, by_v, tolerance, x[0][0]))
     fastest = machine.waves.num_harmonics * machine.frequency
-    limit = jnp.where(fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit)
+    limit = jnp.where(
+        fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit
+    )
     return jnp.minimum(limit, _LONGEST * machine.timescale)
 
 
@@ -303,9 +300,11 @@ def _consistent(
     return found
 
 
-def acceleration(plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Scalar, ...]) -> Array:
+def _acceleration(plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Scalar, ...]) -> Array:
     """Accelerations of the masses in the branches of the force that the modes say."""
     assert machine.extra is not None
     x, v = in_space(machine, state.phase, state.x, state.v)
     own = force_at(plan, machine.extra.force, machine.clock(state), x, v, modes)
-    return machine.contacts.accelerations(machine.force(state.phase, state.x, state.v) + own, hold, state.phase)
+    return machine.contacts.accelerations(
+        machine.force(state.phase, state.x, state.v) + own, hold, state.phase
+    )

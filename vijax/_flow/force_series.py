@@ -44,7 +44,14 @@ class ForceSeries(NamedTuple):
 
 
 def force_series(
-    plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Array, ...], order: int, *, fence: bool
+    plan: Plan,
+    machine: Machine,
+    state: State,
+    hold: Held,
+    modes: tuple[Array, ...],
+    order: int,
+    *,
+    fence: bool,
 ) -> ForceSeries:
     """Coefficients up to an order.
 

@@ -90,18 +90,29 @@ def _exp2(a: Array) -> Array:
 
 
 def is_consistent(
-    plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Array, ...], motion: ForceSeries, step: Scalar,
+    plan: Plan,
+    machine: Machine,
+    state: State,
+    hold: Held,
+    modes: tuple[Array, ...],
+    motion: ForceSeries,
+    step: Scalar,
     tolerance: float,
 ) -> Flag:
     """Rule 3: whether the force at the end of a step is that of the polynomial."""
     assert machine.extra is not None
     x, v, phase = (horner(a, step) for a in (motion.x, motion.v, motion.phase))
-    own = force_at(plan, machine.extra.force, machine.clock(state) + step, *in_space(machine, phase, x, v), modes)
+    own = force_at(
+        plan, machine.extra.force, machine.clock(state) + step, *in_space(machine, phase, x, v), modes
+    )
     load = machine.load(phase)
     terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own
     a = machine.contacts.accelerations(load - terms[1] - terms[2] + own, hold, phase)
     defect = jnp.max(jnp.abs(a - horner(derivative(motion.v), step)), axis=0)
     speed = jnp.max(jnp.maximum(jnp.abs(v), jnp.abs(state.v)), axis=0)
     rounding = jnp.max(machine.contacts.inverse_mass_size(add_up([jnp.abs(term) for term in terms])), axis=0)
-    most = tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0)) + 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
-    return step * defect <= 1e3 * most
+    most = (
+        tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
+        + 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
+    )
+    return jnp.isfinite(defect) & (step * defect <= 1e3 * most)
