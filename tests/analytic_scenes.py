@@ -65,7 +65,10 @@ def errors(given: dict, solution: Any) -> tuple[float, float]:
     if count != len(events) or any(e["stop"] != s for e, s in zip(events, stops, strict=True)):
         return np.inf, np.inf
     end = np.r_[solution.x1, solution.v1] - np.r_[given["x1"], given["v1"]]
-    late = [abs(float(t) - e["t"]) / max(1, e["t"]) for t, e in zip(solution.events.t[:count], events, strict=True)]
+    late = [
+        abs(float(t) - e["t"]) / max(1, e["t"])
+        for t, e in zip(solution.events.t[:count], events, strict=True)
+    ]
     to_end, to_events = (
         max(1, given[name]) for name in ("amplification_worst_restart", "amplification_worst_restart_events")
     )

@@ -206,7 +206,11 @@ class Builder:
         if isinstance(operation, Chosen):
             return True
         if isinstance(operation, Linear):
-            return len(operation.args) == 1 and not operation.constant and self._comes_from_choice(operation.args[0])
+            return (
+                len(operation.args) == 1
+                and not operation.constant
+                and self._comes_from_choice(operation.args[0])
+            )
         if isinstance(operation, Product):
             return self.is_fixed(operation.args[0]) and self._comes_from_choice(operation.args[1])
         return False
@@ -324,7 +328,11 @@ class Builder:
         moving = {s: c for s, c in terms.items() if c and s not in self.fixed}
         if not moving:
             still = self.linear([(c, s) for s, c in terms.items()], constant)
-            return np.bool_(still > 0) if is_known(still) else self.compute(lambda d: jnp.greater(d, 0), (still,), "above")
+            return (
+                np.bool_(still > 0)
+                if is_known(still)
+                else self.compute(lambda d: jnp.greater(d, 0), (still,), "above")
+            )
         # Equal and opposite guards are one.
         unit = moving[min(moving)]
         guard = self.linear([(c / unit, s) for s, c in moving.items()])

@@ -65,17 +65,22 @@ def next_knot(series: Series, switch: int) -> tuple[Scalar, Scalar]:
     is_moving = (rate != 0) & (jnp.abs(knot) < jnp.inf)
     # Where the guard is time itself, the knot is the time to the last digit.
     t = series.given[0]
-    time = knot if series.plan.switches[switch].guard == 0 else t + (knot - start) / jnp.where(is_moving, rate, 1)
+    time = (
+        knot
+        if series.plan.switches[switch].guard == 0
+        else t + (knot - start) / jnp.where(is_moving, rate, 1)
+    )
     return jnp.where(is_moving, time, jnp.inf), jnp.where(is_up, 1, -1).astype(series.like.dtype)
 
 
 def bounds_of_mode(series: Series, switch: int, mode: Scalar) -> tuple[Scalar, Scalar]:
     """Knots below and above a mode, infinite if there is none."""
-    low, high = jnp.full_like(series.guard(switch, 0), -jnp.inf), jnp.full_like(series.guard(switch, 0), jnp.inf)
+    low, high = (
+        jnp.full_like(series.guard(switch, 0), -jnp.inf),
+        jnp.full_like(series.guard(switch, 0), jnp.inf),
+    )
     for number in range(len(series.plan.switches[switch].knots)):
         knot = series.knot(switch, number)
         high = jnp.where(mode == number, knot, high)
         low = jnp.where(mode == number + 1, knot, low)
     return low, high
-
-

@@ -45,7 +45,9 @@ def times(factor: Coefficient, a: Coefficient) -> Coefficient:
     return factor * a
 
 
-def cauchy(read: Read, a: Operand, b: Operand, k: int, first: int = 0, last: int | None = None) -> Coefficient:
+def cauchy(
+    read: Read, a: Operand, b: Operand, k: int, first: int = 0, last: int | None = None
+) -> Coefficient:
     """Sum of a_j b_{k-j} over j from `first` to `last`, k if that is None."""
     total = None
     for j in range(first, (k if last is None else last) + 1):

@@ -83,8 +83,16 @@ def plan_force(force: Any, num_masses: int, *, lanes: bool = False, jacobian: bo
     leaves, structure = jax.tree.flatten(arrays)
     dtype = jnp.result_type(float)
     shapes = [jax.ShapeDtypeStruct(_shape_of_one(a, lanes=lanes), a.dtype) for a in leaves]
-    is_constant = [not isinstance(a, jax.Array) and _shape_of_one(a, lanes=lanes) == _known(a, lanes=lanes).shape for a in leaves]
-    known = [None, *(_known(a, lanes=lanes) if yes else None for a, yes in zip(leaves, is_constant, strict=True)), None, None]
+    is_constant = [
+        not isinstance(a, jax.Array) and _shape_of_one(a, lanes=lanes) == _known(a, lanes=lanes).shape
+        for a in leaves
+    ]
+    known = [
+        None,
+        *(_known(a, lanes=lanes) if yes else None for a, yes in zip(leaves, is_constant, strict=True)),
+        None,
+        None,
+    ]
     row = jax.ShapeDtypeStruct((num_masses,), dtype)
 
     def of_arrays(t: Any, *given: Any) -> Any:
@@ -113,7 +121,9 @@ def plan_force(force: Any, num_masses: int, *, lanes: bool = False, jacobian: bo
     )
 
 
-def _jacobian(build: Builder, forces: Sequence[Operand], leaves: Sequence[int]) -> dict[tuple[int, int], Operand]:
+def _jacobian(
+    build: Builder, forces: Sequence[Operand], leaves: Sequence[int]
+) -> dict[tuple[int, int], Operand]:
     columns = [Column(build, leaf) for leaf in leaves]
     entries = {(i, j): column.of(f) for i, f in enumerate(forces) for j, column in enumerate(columns)}
     return {at: entry for at, entry in entries.items() if not (is_known(entry) and entry == 0)}

@@ -102,7 +102,9 @@ def _with_square(value: Callable, sign: int, key: str) -> Rule:
     """y' = (1 + sign y^2) x'."""
 
     def rule(build: Builder, a: Operand, **_: Any) -> Operand:
-        return build.integral(value, (a,), lambda y: [(1, build.linear([(sign, build.square(y))], 1), a)], key)
+        return build.integral(
+            value, (a,), lambda y: [(1, build.linear([(sign, build.square(y))], 1), a)], key
+        )
 
     return rule
 

@@ -9,7 +9,9 @@ from .builder import Builder
 from .operations import Operand, chosen
 
 
-def table(build: Builder, x: Operand, *numbers: Operand, size: int, ends: tuple[bool, bool], **_: Any) -> Operand:
+def table(
+    build: Builder, x: Operand, *numbers: Operand, size: int, ends: tuple[bool, bool], **_: Any
+) -> Operand:
     """Piecewise linear function through given points, constant beyond the ends unless extrapolated."""
     knots, values = numbers[:size], numbers[size:]
     if build.is_fixed(x):
