@@ -117,7 +117,7 @@ class Builder:
         return self._once(key, lambda: self._add(Linear(self._new(), args, values, total)))
 
     def multiply(self, a: Operand, b: Operand) -> Operand:
-        """a b."""
+        """A b."""
         if is_known(a) or is_known(b):
             known, other = (a, b) if is_known(a) else (b, a)
             return np.float64(0) if is_zero(known) else self.linear([(known, other)])
@@ -152,7 +152,7 @@ class Builder:
         return self._once(("reciprocal", a), lambda: self._add(Reciprocal(self._new(), (a,))))
 
     def divide(self, a: Operand, b: Operand) -> Operand:
-        """a / b."""
+        """A / b."""
         if is_zero(a):
             return a
         if is_known(b):

@@ -6,7 +6,6 @@ numbers that do not change along the motion need no rule.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -99,7 +98,7 @@ def _hyperbolic(place: int) -> Rule:
 
 
 def _with_square(value: Callable, sign: int, key: str) -> Rule:
-    """y' = (1 + sign y^2) x'."""
+    """Y' = (1 + sign y^2) x'."""
 
     def rule(build: Builder, a: Operand, **_: Any) -> Operand:
         return build.integral(
