@@ -47,7 +47,7 @@ def choose_flow(
     if why_not is None:
         return force_flow(system, wanted or TaylorFlow())
     if wanted is not None:
-        raise ValueError(str(why_not))
+        raise ValueError(f"{why_not} Pass `flow=vx.DiffraxFlow()`.")
     warn_once_of(why_not)
     return load_diffrax_flow()()
 

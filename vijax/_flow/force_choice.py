@@ -12,6 +12,7 @@ from .._system.force import BoundForce
 from .._system.system import ImpactSystem
 from .force_flow import ForceFlow
 from .force_plan import plan_of
+from .functions_of_time import has_pulses
 from .taylor import TaylorFlow
 
 # Operations of all coefficients, written out, beyond which a program takes too long to compile.
@@ -25,10 +26,13 @@ def why_no_series(system: ImpactSystem) -> str | None:
     try:
         plan = _plan(system)
     except Refused as refused:
-        return str(refused)
+        return f"The force uses `{refused.operation}`, which has no Taylor series here."
     if plan.num_operations(TaylorFlow().order) > _MOST_OPERATIONS:
+        return "The force has too many operations for Taylor series written out."
+    if has_pulses(plan):
         return (
-            "The force has too many operations for Taylor series written out: it moves by `vx.DiffraxFlow()`."
+            "The force has a function of time alone that is neither a polynomial nor harmonic, such as a pulse, which Taylor "
+            "series may not see coming."
         )
     return None
 
@@ -49,4 +53,6 @@ def warn_once_of(why_not: str) -> None:
     """Warn that a machine with a force moves by diffrax, once for each reason."""
     if why_not not in _warned:
         _warned.add(why_not)
-        warnings.warn(f"{why_not} It moves by `vx.DiffraxFlow()` now.", stacklevel=4)
+        warnings.warn(
+            f"{why_not} The machine moves by `vx.DiffraxFlow()`; pass it as `flow` to say so.", stacklevel=4
+        )

@@ -4,6 +4,7 @@ Each step expands the motion; what is left is as for linear machines: steps prov
 landing on events. Where a force consists of branches, a step also ends where its branch changes, see `branches.py`.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -128,27 +129,42 @@ class ForceFlow(ExpandingFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Sum the series; where a branch changes at the end, its time moves with the parameters."""
-        return self._move(machine, state, hold, step)[0]
+        if state.x.ndim == 1:
+            return self._move(machine, state, hold, step)
+        still = jax.lax.stop_gradient
+        modes = still(lanes_last(partial(self._modes, fence=False))(machine, state, hold))
+        # The rule of derivatives would trace the concrete numbers of the machine.
+        numbers, known = eqx.partition((machine, state, hold), lambda a: isinstance(a, jax.Array))
+        return _moved_in_lanes(self, numbers, step, modes, lambda numbers: eqx.combine(numbers, known))
 
     def _move(
-        self, machine: Machine, state: State, hold: Held, step: Scalar
-    ) -> tuple[tuple[Array, Array, Array], Any]:
-        """`propagate`, a subject of derivatives, and the branches at the end; None if there is one alone."""
+        self,
+        machine: Machine,
+        state: State,
+        hold: Held,
+        step: Scalar,
+        *,
+        fence: bool = True,
+        modes: Any = None,
+    ) -> tuple[Array, Array, Array]:
+        """`propagate`, a subject of derivatives."""
         order, _ = self._order_and_tolerance(state)
         plan = self._plan(machine)
-        modes = jax.lax.stop_gradient(self._modes(machine, state, hold, fence=True))
-        found = force_series(plan, machine, state, hold, modes, order, fence=True)
+        if modes is None:
+            modes = jax.lax.stop_gradient(self._modes(machine, state, hold, fence=fence))
+        found = force_series(plan, machine, state, hold, modes, order, fence=fence)
         motion = _expansion(found, step, step, None)
-        displacement, v, change = compute_once(move_along, machine, state, motion, hold, step)
+        call = compute_once if fence else _plainly
+        displacement, v, change = call(move_along, machine, state, motion, hold, step)
         if not plan.num_switches:
-            return (displacement, v, change), None
+            return displacement, v, change
         branches, delay = changes_at(found.series, modes, jnp.abs(step))
         moved = state_after_step(machine, state, displacement, v, change, step)
         before, after = jax.lax.stop_gradient(
             [_acceleration(plan, machine, moved, hold, m) for m in (branches.modes, branches.at_end())]
         )
         # A motion that jumps to another branch later by dt has gained (before - after) dt more.
-        return (displacement, v + (before - after) * delay, change), branches
+        return displacement, v + (before - after) * delay, change
 
     def inside(self, machine: Machine, state: State, hold: Held) -> Any:
         """Expand the motion once."""
@@ -167,7 +183,7 @@ class ForceFlow(ExpandingFlow):
         # Lengths of steps are constants, and the series for them has more in it than that of the motion.
         ahead = compute_once(partial(self._expand, fence=True), *still((machine, state, hold)), direction)
         step = jnp.minimum(remaining, ahead.limit)
-        moved, _ = self._move(machine, state, hold, direction * step)
+        moved = self._move(machine, state, hold, direction * step)
         end = state_after_step(machine, state, *moved, direction * step)
         if ahead.branches is not None:
             memory = ahead.branches.after(still(step), jnp.zeros(step.shape, bool))
@@ -235,6 +251,33 @@ class ForceFlow(ExpandingFlow):
     def _order_and_tolerance(self, state: State) -> tuple[int, float]:
         dtype = str(state.x.dtype)
         return min(self.order, _MOST_ORDER[dtype]), max(self.tolerance, _LEAST_TOLERANCE[dtype])
+
+
+@eqx.filter_custom_jvp
+def _moved_in_lanes(flow: ForceFlow, numbers: Any, step: Scalar, modes: Any, of_numbers: Callable) -> Any:
+    """`ForceFlow.propagate` in lanes, written out element by element, as its derivative is."""
+    return _in_lanes(flow, numbers, step, modes, of_numbers)
+
+
+def _in_lanes(flow: ForceFlow, numbers: Any, step: Scalar, modes: Any, of_numbers: Callable) -> Any:
+    def of_one(given: Any, step: Scalar, modes: Any) -> Any:
+        return flow._move(*given, step, fence=False, modes=modes)
+
+    return lanes_last(of_one)(of_numbers(numbers), step, modes)
+
+
+@_moved_in_lanes.def_jvp
+def _moved_in_lanes_jvp(primals: tuple, tangents: tuple) -> tuple:
+    flow, numbers, step, modes, of_numbers = primals
+    found = _moved_in_lanes(*primals)
+
+    def of_one(given: Any, step: Scalar, modes: Any, by_numbers: Any, by_step: Any) -> Any:
+        moving, known = eqx.partition(given, lambda a: isinstance(a, jax.Array))
+        end = lambda moving, step: flow._move(*eqx.combine(moving, known), step, fence=False, modes=modes)  # noqa: E731
+        return eqx.filter_jvp(end, (moving, step), (by_numbers, by_step))[1]
+
+    along = lanes_last(of_one)(of_numbers(numbers), step, modes, tangents[1], tangents[2])
+    return found, along
 
 
 class _FlowMapState(NamedTuple):
