@@ -44,6 +44,7 @@ def force_flow(system: ImpactSystem, wanted: TaylorFlow) -> ForceFlow:
 
 def _plan(system: ImpactSystem) -> Any:
     lanes = system.stiffness.ndim > 2
+    assert system.force is not None
     force = system.force if isinstance(system.force, BoundForce) else BoundForce(system.force, None)
     as_array = lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a  # noqa: E731
     return plan_of(jax.tree.map(as_array, force), system.num_masses, lanes=lanes, jacobian=True)

@@ -261,7 +261,8 @@ def _moved_in_lanes(flow: ForceFlow, numbers: Any, step: Scalar, modes: Any, of_
 
 def _in_lanes(flow: ForceFlow, numbers: Any, step: Scalar, modes: Any, of_numbers: Callable) -> Any:
     def of_one(given: Any, step: Scalar, modes: Any) -> Any:
-        return flow._move(*given, step, fence=False, modes=modes)
+        machine, state, hold = given
+        return flow._move(machine, state, hold, step, fence=False, modes=modes)
 
     return lanes_last(of_one)(of_numbers(numbers), step, modes)
 
@@ -273,7 +274,11 @@ def _moved_in_lanes_jvp(primals: tuple, tangents: tuple) -> tuple:
 
     def of_one(given: Any, step: Scalar, modes: Any, by_numbers: Any, by_step: Any) -> Any:
         moving, known = eqx.partition(given, lambda a: isinstance(a, jax.Array))
-        end = lambda moving, step: flow._move(*eqx.combine(moving, known), step, fence=False, modes=modes)  # noqa: E731
+
+        def end(moving: Any, step: Scalar) -> Any:
+            machine, state, hold = eqx.combine(moving, known)
+            return flow._move(machine, state, hold, step, fence=False, modes=modes)
+
         return eqx.filter_jvp(end, (moving, step), (by_numbers, by_step))[1]
 
     along = lanes_last(of_one)(of_numbers(numbers), step, modes, tangents[1], tangents[2])
