@@ -16,7 +16,7 @@ from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Count, Numbers, whole_number
-from .._progress import interrupt_with_word_of, tqdm
+from .._progress import interrupt_with_word_of, says_what_compiles, tqdm
 from .._system.system import AnySystem, machine_of, varied
 from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
@@ -29,6 +29,7 @@ from .short_names import with_labels, with_names, without_names
 from .zarr_output import write_sweep
 
 
+@says_what_compiles
 def sweep(
     system: AnySystem,
     values: Mapping[str, Numbers | tuple[str, Numbers]],
