@@ -175,7 +175,7 @@ def test_a_pulse_that_may_not_show_moves_by_diffrax_and_says_so(monkeypatch):
         vx.simulate(machine, 0.0, 1.0, flow=vx.TaylorFlow())
 
 
-@pytest.mark.parametrize(("order", "tolerance"), [(3, 1e-12), (16, 0.0), (16.5, 1e-12), (16, 2.0)])
+@pytest.mark.parametrize(("order", "tolerance"), [(3, 1e-12), (16, 0.0), (50, 1e-12), (16, 2.0)])
 def test_orders_and_tolerances_are_checked(order, tolerance):
     with pytest.raises(ValueError, match="must be"):
         vx.TaylorFlow(order, tolerance)
