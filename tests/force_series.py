@@ -71,12 +71,12 @@ def exact(function, at, order, scale=1.0):
 def sizes(coefficients):
     """Sizes that rounding errors are relative to: the largest on a line between logarithms of two coefficients."""
     sizes: list[Any] = [abs(c) for c in coefficients]
-    found = []
+    found: list[Any] = []
     for k, own in enumerate(sizes):
         pairs = itertools.product(range(k), range(k + 1, len(sizes)))
         between = (sizes[i] ** ((j - k) / (j - i)) * sizes[j] ** ((k - i) / (j - i)) for i, j in pairs)
         found.append(max([own, *between]))
-    return np.array(found, float)
+    return np.array(list(map(float, found)))
 
 
 def entries(series: Series, k, num_masses):

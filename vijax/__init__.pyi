@@ -52,6 +52,8 @@ from ._orbits.next_impact import next_impact as next_impact
 from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
 from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
 from ._orbits.sweep_orbits import periodic_orbits as periodic_orbits
+from ._precompile.precompile import precompile as precompile
+from ._precompile.process import Precompilation as Precompilation
 from ._progress import Interrupted as Interrupted
 from ._sections.classify import classify as classify
 from ._sections.impact_table import impacts as impacts

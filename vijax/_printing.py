@@ -189,6 +189,25 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
     return Description(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
 
 
+def words_of_kind(system: Any) -> str:
+    """What programs of a machine are compiled for, as "2 masses, friction and 1 stop"."""
+    rigid, compliant = (
+        [stop for stop in system.stops if stop.is_compliant == is_compliant] for is_compliant in (False, True)
+    )
+    num_alone = sum(bool(stop.slot) for stop in rigid)
+    counts = (
+        (system.num_masses - system.num_states, "mass", "masses"),
+        (system.num_states, "first-order state", None),
+        (len(system.friction), "friction element", None),
+        (len(compliant), "compliant stop", None),
+        (len(rigid) - num_alone, "contact", None),
+        (num_alone, "stop", None),
+    )
+    words = [_count(*own) for own in counts if own[0]]
+    words += ["a force"] * (system.force is not None)
+    return " and ".join([", ".join(words[:-1])] * (len(words) > 1) + words[-1:])
+
+
 def describe_events(log: Any, kinds: Sequence[str]) -> Description:
     """Describe the first and the last events of a log."""
     kind = concrete(log.kind)

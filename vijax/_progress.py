@@ -1,21 +1,87 @@
-"""Progress bar and Ctrl-C, for all long calls.
+"""Progress bar, word of what compiles, and Ctrl-C, for all long calls.
 
 The bar is a widget in notebooks that can show one, else a line of text. Ctrl-C raises `KeyboardInterrupt` out of
 every call, so that a script does not go on with half a result unnoticed. The content of a `store` or `out` stays
 there. Branches and curves come with the error, because a part of one is as good as a shorter one.
 """
 
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import wraps
+from inspect import unwrap
+from typing import Any, ParamSpec, TypeVar
 
 from tqdm import TqdmWarning
+
+from ._jax.announcing import Work, announced_to, is_announced
+from ._printing import words_of_kind
 
 with warnings.catch_warnings():
     # A notebook without ipywidgets gets the line of text, without a warning at every import.
     warnings.simplefilter("ignore", TqdmWarning)
     from tqdm.auto import tqdm as tqdm
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_SENTENCES = {
+    Work.COMPILES: "compiling for {kind}, once for this kind, kept for later",
+    Work.COMPILES_NOW: "compiling for {kind}, once for this kind in this process",
+    Work.TRACES: "tracing for {kind}, once in every process, and compiling what is not kept from before",
+    Work.WAITS: "waiting for another process that compiles for {kind}",
+}
+# Sentences that this process has printed.
+_said: set[str] = set()
+
+
+def says_what_compiles(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a public function print on stderr for what it compiles as soon as it begins, each sentence once in a process.
+
+    With `progress=False` it is silent. A function without this argument prints only where somebody looks on.
+    """
+    has_bar = "progress" in (unwrap(function).__kwdefaults__ or {})
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        if is_announced():  # a part of another call
+            return function(*args, **kwargs)
+
+        def tell(work: Work) -> None:
+            if kwargs.get("progress", has_bar or _is_somebody_there()):
+                _say(function.__name__, work, [*args, *kwargs.values()])
+
+        with announced_to(tell):
+            return function(*args, **kwargs)
+
+    return wrapped
+
+
+def _is_somebody_there() -> bool:
+    """True if stderr is a terminal, or a notebook runs."""
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
+
+
+def _say(name: str, work: Work, given: list[Any]) -> None:
+    sentence = f"{name}: {_SENTENCES[work].format(kind=_kind_of(given))}"
+    if sentence not in _said:
+        _said.add(sentence)
+        tqdm.write(sentence, file=sys.stderr)  # above the bars
+
+
+def _kind_of(given: list[Any]) -> str:
+    """Words for the machine among the arguments of a call: it, or what has one, such as an orbit or a bifurcation."""
+    for thing in given:
+        for path in ((), ("system",), ("branch", "system"), (0, "system")):
+            try:
+                found = thing
+                for step in path:
+                    found = found[step] if isinstance(step, int) else getattr(found, step)
+                return words_of_kind(found)
+            except Exception:  # whatever an argument raises, it is no machine
+                continue
+    return "this kind of machine"
 
 
 class Interrupted(KeyboardInterrupt):

@@ -92,6 +92,7 @@ def kinds_and_values(branch):
     return [(kind, pytest.approx(value, abs=1e-10)) for kind, value in found]
 
 
+@pytest.mark.slow
 def test_a_doubled_branch_ends_where_it_began(doubled):
     (point,) = points_of(doubled, "pd")
     (orbit,) = vx.switch_branch(point)

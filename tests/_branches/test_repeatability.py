@@ -27,6 +27,7 @@ def numbers_of(orbits: list[vx.PeriodicOrbit]) -> list[np.ndarray]:
     ]
 
 
+@pytest.mark.slow
 def test_branches_have_the_same_bits_before_and_after_larger_batches(monkeypatch):
     """Larger batches are compiled in another form, which differs in the last bits."""
     monkeypatch.setattr(batches, "_WORTH_IT", 12)

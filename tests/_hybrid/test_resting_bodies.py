@@ -96,7 +96,7 @@ def test_a_mass_sticks_at_the_instant_at_which_its_neighbour_lets_go():
     np.testing.assert_allclose(x, sol.x1[1], rtol=0, atol=_ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_go_through_decisions():
     """By loads, friction, and the start, along which two bodies in touch move together."""
 

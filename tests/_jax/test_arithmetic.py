@@ -72,7 +72,7 @@ def end(force):
     return np.concatenate([solution.x1, solution.v1, ds.x.values.ravel()])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_in_a_kernel_and_outside_the_motion_is_the_same():
     inside = end(lambda t, x, v, args: -sum(jnp.asarray(MATRIX)[:, j] * jnp.tanh(x[j]) for j in range(3)))
     outside = end(lambda t, x, v, args: -jnp.asarray(MATRIX) @ jnp.tanh(x))

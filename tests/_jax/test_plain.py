@@ -101,7 +101,7 @@ def test_point_by_point_a_sweep_is_the_same_but_where_motions_are_chaotic(tmp_pa
     assert (repeats != repeats_as_well).mean() < 0.02
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_of_a_run_do_not_depend_on_our_primitives(monkeypatch):
     def end(frequency):
         system = vx.models.impact_oscillator(frequency, damping_ratio=0.1)

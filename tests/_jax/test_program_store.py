@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 from vijax._jax import program_store
 from vijax._jax.packing import pack
@@ -137,16 +136,6 @@ def test_equal_parts_have_equal_keys_and_others_do_not():
     of_trees = [key_of(jax.tree.structure(tree)) for tree in ((1, 2), [1, 2], {"a": 1, "b": 2})]
     assert None not in of_trees
     assert len(set(of_trees)) == 3
-
-
-@pytest.fixture
-def no_other_cache():
-    """What JAX loads from its own cache is not stored."""
-    jax.config.update("jax_enable_compilation_cache", False)
-    reset_cache()
-    yield
-    jax.config.update("jax_enable_compilation_cache", True)
-    reset_cache()
 
 
 def programs_in(folder, monkeypatch, function, name="double") -> Programs:

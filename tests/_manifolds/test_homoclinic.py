@@ -48,6 +48,7 @@ def touching():
     return vx.homoclinic_tangencies(branch, num_values=4, progress=False)
 
 
+@pytest.mark.slow
 def test_a_pendulum_between_stops_in_closed_form(touching):
     assert sorted(touching["side"].values) == [-1, 1]
     exact = touching_amplitude(1.5, 0.8)
@@ -57,6 +58,7 @@ def test_a_pendulum_between_stops_in_closed_form(touching):
     assert touching["is_smooth"].values.all()
 
 
+@pytest.mark.slow
 def test_the_homoclinic_motion_leads_from_the_saddle_and_back(touching):
     for k in range(2):
         one = touching.isel(tangency=k)

@@ -103,7 +103,7 @@ def test_an_undamped_oscillator_has_the_exponent_found_by_others():
     assert abs(float(found[0]) - 0.1415) < 3 * float(error[0]) < 6e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_where_forces_switch_their_sum_is_that_of_the_multipliers():
     """A mass that slides both ways, and pushes on a preloaded cushion: at both events its acceleration jumps."""
     system = vx.ImpactSystem(

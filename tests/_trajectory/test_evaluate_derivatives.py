@@ -40,7 +40,7 @@ def test_evaluated_states_have_the_same_derivatives_in_reverse(name):
     np.testing.assert_allclose(jnp.diagonal(reverse[2][0, :, 0]), speeds, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_evaluated_states_have_derivatives_in_batches_and_under_jit():
     def position(r: Array) -> Array:
         return vx.simulate(machine_of(r), 0.0, 20.0, [0.1]).evaluate(11.0)[0][0]

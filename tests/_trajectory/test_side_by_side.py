@@ -102,7 +102,7 @@ def test_derivatives_of_a_batch_of_batches():
         np.testing.assert_allclose(derivative(total)(1.1), sum(slopes), rtol=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_lanes_without_an_event_stay_as_they_are():
     """Friction beside a stop that holds leaves elements without events, which the events of other lanes once opened."""
     free = vx.models.two_sided_oscillator(3.0, damping_ratio=0.01)
@@ -123,7 +123,7 @@ def test_lanes_without_an_event_stay_as_they_are():
         assert_alike(batch, (k,), end(v0))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_steps_that_are_tried_again_are_not_disturbed_by_events_of_other_lanes():
     """A rigid and a soft stop, friction and a cubic spring: every point of such a sweep once stood still at an opening."""
     load = vx.Harmonic([1.0, 0.0], 0.9)

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
+from vijax._jax import program_store
 from vijax.studio.command_line.main import main
 from vijax.studio.command_line.values import swept_values
 
@@ -156,7 +157,8 @@ def test_a_sweep_that_is_stopped_says_what_is_kept(machine, capsys, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    "command", [[], *([name] for name in "sweep orbit branch attractors basins info plot explore".split())]
+    "command",
+    [[], *([name] for name in "sweep orbit branch attractors basins info plot explore precompile".split())],
 )
 def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as end:
@@ -245,3 +247,21 @@ def test_a_stop_is_refused_where_a_picture_is_of_all_stops(machine, dataset, cap
     dataset.to_netcdf("kept.nc", engine="h5netcdf")
     assert main(["plot", "kept.nc", "--kind", "regions", "--out", "regions.png", "--stop", "0"]) != 0
     assert "--stop 0: a picture `regions` is of all stops" in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("no_other_cache")
+def test_precompile_makes_programs_and_tells_what_it_cannot(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(program_store, "_active", program_store._Active())
+    program_store.store_programs(tmp_path / "programs")
+    vx.save(vx.models.impact_oscillator(0.8), "machine.toml")
+    assert main(["precompile", "machine.toml", "simulate"]) == 0
+    assert capsys.readouterr().out == "simulate: done\n"
+    assert len(list((tmp_path / "programs").glob("*.program"))) == 1
+    assert main(["precompile", "machine.toml", "simulations"]) == 2
+    assert "has 'simulations'" in capsys.readouterr().err
+    undriven = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [vx.Stop(0, 1.0, "upper", 0.7)])
+    vx.save(undriven, "undriven.toml")
+    assert main(["precompile", "undriven.toml", "simulate", "lyapunov_exponents"]) == 2
+    assert re.search("simulate: done\nlyapunov_exponents: .*frequency", capsys.readouterr().out)

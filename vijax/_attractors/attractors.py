@@ -12,6 +12,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
+from .._progress import says_what_compiles
 from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._sweep.random_numbers import Rng, generator_of
@@ -25,6 +26,7 @@ from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, is_beyond, 
 from .table import attractor_dataset, attributes_of, sorted_by_share
 
 
+@says_what_compiles
 @padding_allowed
 def attractors(
     system: AnySystem,

@@ -8,6 +8,7 @@ import xarray as xr
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, refuse_single_precision
+from .._progress import says_what_compiles
 from .._system.system import AnySystem
 from .attractors import attractors
 
@@ -16,6 +17,7 @@ from .attractors import attractors
 _LEAST_DISTANCES, _FARTHEST = 3, 8
 
 
+@says_what_compiles
 def basins(
     system: AnySystem,
     grid: Mapping[str, Numbers | tuple[str, Numbers]],

@@ -12,7 +12,7 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .shocks import Shocks, shocks_of
 
 # Parts into which a bracket is divided at once.
@@ -23,6 +23,7 @@ _SMALLEST_TURN = 5e-4
 _SEARCHED = 0.1
 
 
+@says_what_compiles
 @padding_allowed
 def critical_shock(
     found: xr.Dataset,

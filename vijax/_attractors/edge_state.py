@@ -19,7 +19,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.maps import stroboscopic_map
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .shocks import Shocks, shocks_of
 
 # Parts into which a bracket is divided at once.
@@ -30,6 +30,7 @@ _MOST_PERIODS = 8
 _AGAIN = 4.0
 
 
+@says_what_compiles
 @padding_allowed
 def edge_state(
     found: xr.Dataset,

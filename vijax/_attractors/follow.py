@@ -10,6 +10,7 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision
 from .._jax.xla import padding_allowed
+from .._progress import says_what_compiles
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._sweep.random_numbers import Rng, generator_of
 from .._sweep.short_names import with_labels
@@ -23,6 +24,7 @@ from .erosion import check_grid, erosion_columns
 from .table import attributes_of, table_along
 
 
+@says_what_compiles
 @padding_allowed
 def follow_attractors(
     system: AnySystem,

@@ -7,6 +7,7 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
+from .._progress import says_what_compiles
 from .._sweep.random_numbers import Rng, generator_of
 from .shocks import Shocks, shocks_of
 from .table import ATTRACTOR, share_statistics
@@ -15,6 +16,7 @@ from .table import ATTRACTOR, share_statistics
 _TRIES = 200
 
 
+@says_what_compiles
 @padding_allowed
 def tipping_probability(
     found: xr.Dataset,

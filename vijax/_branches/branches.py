@@ -8,9 +8,10 @@ from functools import partial
 import xarray as xr
 
 from .._jax.arrays import Count, refuse_single_precision, whole_number
+from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
 from .._orbits.sweep_orbits import periodic_orbits
-from .._progress import Interrupted, interrupt_with_result, tqdm
+from .._progress import Interrupted, interrupt_with_result, says_what_compiles, tqdm
 from .._sweep.short_names import with_paths
 from .branch import Branch
 from .continuation import follow_branches, following
@@ -26,6 +27,7 @@ from .switch import switch_branch
 _MOST_POINTS = 1000
 
 
+@says_what_compiles
 @padding_allowed
 def branches(
     ds: xr.Dataset,
@@ -187,10 +189,10 @@ class _Search:
         if num_none:
             warnings.warn(
                 f"Left out {num_none} orbits that are no periodic orbits of their machines, or not isolated.",
-                stacklevel=5,
+                stacklevel=users_line(),
             )
         if num_left:
             warnings.warn(
                 f"Left out {num_left} orbits that lie on no branch found: raise `max_points` or `max_branches`.",
-                stacklevel=5,
+                stacklevel=users_line(),
             )

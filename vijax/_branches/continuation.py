@@ -10,7 +10,7 @@ import xarray as xr
 from .._jax.arrays import Count, as_numpy_float, real_number, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
-from .._progress import Interrupted, interrupt_with_result, tqdm
+from .._progress import Interrupted, interrupt_with_result, says_what_compiles, tqdm
 from .._system.parameters import machine_at
 from .branch import Branch, branch_of
 from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
@@ -51,6 +51,7 @@ def continuation(
     tolerance: float | None = None,
     progress: bool = True,
 ) -> list[Branch]: ...
+@says_what_compiles
 @padding_allowed
 def continuation(
     orbit: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset,

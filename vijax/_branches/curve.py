@@ -10,7 +10,7 @@ from .._dataset_attributes import variable_attributes, versions
 from .._flow.taylor import TaylorFlow
 from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
-from .._progress import interrupt_with_result, tqdm
+from .._progress import interrupt_with_result, says_what_compiles, tqdm
 from .._sweep.short_names import with_labels
 from .._system.parameters import get_parameter
 from .bifurcation_setup import defining_system_of
@@ -23,6 +23,7 @@ from .starts import family_of, starting_orbits
 from .tolerances import CROSSING_KEPT
 
 
+@says_what_compiles
 @padding_allowed
 def bifurcation_curve(
     point: Bifurcation,

@@ -23,8 +23,9 @@ from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision, whole_number
+from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .._sections.classify import MOTIONS, classified
 from .._sweep.grid import base_of, values_of
 from .._sweep.outcomes import warn_of_endings
@@ -40,6 +41,7 @@ _TOGETHER = 4096
 _KIND = ("motion", "num_periods", "num_impacts")
 
 
+@says_what_compiles
 @padding_allowed
 def chart(
     system: AnySystem,
@@ -156,7 +158,7 @@ def chart(
     if unsettled:
         warnings.warn(
             f"{unsettled} of {ds['motion'].size} points have not settled: increase `transient`, now {one.transient}.",
-            stacklevel=2,
+            stacklevel=users_line(),
         )
     return with_labels(with_names(ds, names), base.system)
 

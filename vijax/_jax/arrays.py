@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .concrete import evaluate_eagerly, has_tracer
+from .users_line import users_line
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -43,7 +44,7 @@ def _warn_about_float32() -> None:
     warnings.warn(
         "vijax works in float32 because 64-bit numbers are off: about 6 digits instead of 15. Call "
         "jax.config.update('jax_enable_x64', True) first to have them.",
-        stacklevel=5,
+        stacklevel=users_line(),
     )
 
 
@@ -53,7 +54,7 @@ def _warn_about_lost_digits() -> None:
         "A machine, or a part of it, was built while 64-bit numbers were off: its numbers are rounded to 7 "
         "digits, and what is computed with them now is no better. Build it again after "
         "jax.config.update('jax_enable_x64', True).",
-        stacklevel=5,
+        stacklevel=users_line(),
     )
 
 

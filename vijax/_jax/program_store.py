@@ -13,8 +13,8 @@ import os
 import pickle
 import platform
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +22,8 @@ from typing import Any, NamedTuple
 
 import jax
 from platformdirs import user_cache_path
+
+from .file_lock import locked
 
 try:
     from jax.experimental.serialize_executable import deserialize_and_load, serialize
@@ -32,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 # `_MOST`: bytes in a folder above which the programs that were not used for longest are removed, down to `_AFTER`.
 _MOST, _AFTER = 2**30, 3 * 2**28
-_SUFFIX, _TEMPORARY = ".program", ".unfinished"
+_SUFFIX, _TEMPORARY, _LOCK = ".program", ".unfinished", ".lock"
 # Environment variable: a folder for programs, or one of `_OFF`.
 _VARIABLE, _OFF = "VIJAX_PROGRAMS", ("0", "off", "no", "false")
 # Releases of these are part of a key, so that their functions and classes can be part of static arguments.
@@ -112,6 +114,27 @@ class ProgramStore:
         except Exception as error:  # a full disk, a folder of someone else, a program that JAX cannot write
             _log.info("A program was not stored in %s: %s", self.folder, error)
 
+    @contextmanager
+    def maker(self, key: str, tell_waiting: Callable[[], None]) -> Iterator[None]:
+        """Be the only one who makes a program, in this process and all others that use the folder.
+
+        Waits while another one makes it, after `tell_waiting()`; look for the program again inside. Where no lock can be
+        made, in a folder that cannot be written for instance, there is none.
+        """
+        with suppress(OSError):
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with locked(self.folder / f"{key}{_LOCK}", tell_waiting):
+            yield
+
+    def can_write(self) -> bool:
+        """True if programs can be stored."""
+        try:
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=self.folder, suffix=_TEMPORARY):
+                return True
+        except OSError:
+            return False
+
     def _file(self, key: str) -> Path:
         return self.folder / f"{key}{_SUFFIX}"
 
@@ -119,7 +142,7 @@ class ProgramStore:
         """Remove the programs that were not used for longest, if there are too many, and remains of killed processes."""
         found = []
         for entry in os.scandir(self.folder):
-            if entry.name.endswith((_SUFFIX, _TEMPORARY)):
+            if entry.name.endswith((_SUFFIX, _TEMPORARY, _LOCK)):
                 with suppress(OSError):  # another process may remove it now
                     stat = entry.stat()
                     found.append((stat.st_mtime, stat.st_size, entry.path))

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from .announcing import Work, announce
 from .concrete import is_tracer
 from .memory_maps import make_room, note_holder, note_program
 from .program_store import ProgramStore, StoredProgram, key_of, program_store
@@ -89,6 +90,7 @@ class Programs:
         self._name = _name_of(function) if name is None else name
         self._results: dict[_Static, _Static] = {}
         self._made: dict[_Key, tuple[Callable, _Static]] = {}
+        self.num_drops = 0
         note_holder(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -97,13 +99,13 @@ class Programs:
         is_traced = any([is_tracer(a) for part in parts for a in part])
         store = None if is_traced or any(_UNUSUAL(jax.config)) else program_store()
         if store is None:
-            make_room()
-            found = self._plain(static, *parts)
-            return self._results[static].joined(found)
-        kept, donated = (tuple([(a.shape, a.dtype) for a in part]) for part in parts)
-        key = _Key(static, kept, donated, _SETTINGS(jax.config))
-        run, results = self._made.get(key) or self._make(key, store)
+            return self._run_plainly(static, parts, is_traced=is_traced)
+        run, results = self._found(_key(static, parts), store)
         return results.joined(run(*parts))
+
+    def prepared(self, *args: Any) -> "PreparedCall":
+        """The function of the arrays in these arguments, in the order of their leaves, for any others of their kinds."""
+        return PreparedCall(self, *self._parts(args, {}))
 
     def compiled(self, *args: Any, **kwargs: Any) -> Any:
         """The program for these arguments, compiled anew, for tests and benchmarks."""
@@ -112,6 +114,7 @@ class Programs:
     def drop(self) -> None:
         """Drop the programs of this process."""
         self._made.clear()
+        self.num_drops += 1
 
     def count(self) -> int:
         """Number of programs of this process."""
@@ -137,30 +140,52 @@ class Programs:
         others = [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
         return arrays, _Static(structure, tuple(others) if len(arrays) < len(leaves) else ())
 
+    def _run_plainly(self, static: _Static, parts: list[list], *, is_traced: bool = False) -> Any:
+        """Call without the store."""
+        make_room()
+        if static not in self._results and not is_traced:
+            announce(Work.COMPILES_NOW)
+        found = self._plain(static, *parts)
+        return self._results[static].joined(found)
+
+    def _found(self, key: _Key, store: ProgramStore) -> tuple[Callable, _Static]:
+        return self._made.get(key) or self._make(key, store)
+
     def _make(self, key: _Key, store: ProgramStore) -> tuple[Callable, _Static]:
         """Load a program, or compile and store it."""
         make_room()
         name = None if self._name is None else key_of(self._name, self._options(), *key)
-        found = _load(store, name) or self._compile(key, store, name)
+        found = self._named(key, store, name) if name is not None else self._by_text(key, store)
         self._made[key] = found.run, found.results
         return self._made[key]
 
-    def _compile(self, key: _Key, store: ProgramStore, name: str | None) -> StoredProgram:
-        """Compile a program and store it; one without a name is loaded if its text is found."""
+    def _named(self, key: _Key, store: ProgramStore, name: str) -> StoredProgram:
+        """Load a program by its name, or trace, compile and store it."""
+
+        def make() -> StoredProgram:
+            announce(Work.COMPILES)
+            lowered, results = self._lowered(key)
+            run = _compiled(lowered, store, name, results)
+            return StoredProgram(run, results)
+
+        return _loaded_or_made(store, name, make)
+
+    def _by_text(self, key: _Key, store: ProgramStore) -> StoredProgram:
+        """Trace a program, and load it by its text or compile and store it."""
+        announce(Work.TRACES)
+        lowered, results = self._lowered(key)
+        name = key_of(*_text_of(lowered), self._options(), key.kept, key.donated)
+        if name is None:
+            return StoredProgram(lowered.compile(), results)
+        # Programs of one text may differ in what are no arrays: their results are not stored.
+        make = lambda: StoredProgram(_compiled(lowered, store, name, None), results)  # noqa: E731
+        return _loaded_or_made(store, name, make)._replace(results=results)
+
+    def _lowered(self, key: _Key) -> tuple[Any, _Static]:
+        """A program that is traced and lowered, and the tree of its results."""
         parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
         lowered = self._plain.lower(key.static, *parts)
-        results = stored = self._results[key.static]
-        if name is None:
-            name = key_of(*_text_of(lowered), self._options(), key.kept, key.donated)
-            stored = None  # programs of one text may differ in what are no arrays
-            if found := _load(store, name):
-                return found._replace(results=results)
-        hits = _hits.count
-        run = lowered.compile()
-        # A program that JAX itself loaded from disk cannot be written again.
-        if name is not None and _hits.count == hits:
-            store.save(name, run, stored)
-        return StoredProgram(run, results)
+        return lowered, self._results[key.static]
 
     @cached_property
     def _plain(self) -> Any:
@@ -175,6 +200,41 @@ class Programs:
         args, kwargs = static.joined([*given, *donated])
         arrays, self._results[static] = self._split(self._function(*args, **kwargs))
         return arrays
+
+
+class PreparedCall:
+    """Calls of a program with concrete arrays of one kind, all else of whose arguments was looked at once.
+
+    Args:
+        programs: the programs.
+        static: static part of the arguments.
+        kept: arrays of the arguments.
+        donated: arrays that are used up.
+    """
+
+    def __init__(self, programs: Programs, static: _Static, kept: list, donated: list):
+        self._programs, self._static, self._num = programs, static, len(kept)
+        self._kinds = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in (*kept, *donated)]
+        self._last: tuple | None = None
+
+    def __call__(self, arrays: list) -> Any:
+        """Result for these arrays, which nothing traces."""
+        parts = [arrays[: self._num], arrays[self._num :]]
+        store = None if any(_UNUSUAL(jax.config)) else program_store()
+        if store is None:
+            return self._programs._run_plainly(self._static, parts)
+        state = _SETTINGS(jax.config), self._programs.num_drops, store
+        if self._last is None or self._last[0] != state:
+            kinds = [self._kinds[: self._num], self._kinds[self._num :]]
+            self._last = state, *self._programs._found(_key(self._static, kinds), store)
+        _, run, results = self._last
+        return results.joined(run(*parts))
+
+
+def _key(static: _Static, parts: list[list]) -> _Key:
+    """Key of arguments by their arrays, or by what has their shapes and types."""
+    kept, donated = (tuple([(a.shape, a.dtype) for a in part]) for part in parts)
+    return _Key(static, kept, donated, _SETTINGS(jax.config))
 
 
 # Whether values of a type are arrays, cached as in `concrete.py`.
@@ -198,11 +258,29 @@ def _text_of(lowered: Any) -> tuple[str, list[int]]:
     )  # JAX tells it nowhere else
 
 
-def _load(store: ProgramStore, name: str | None) -> StoredProgram | None:
-    found = None if name is None else store.load(name)
+def _loaded_or_made(store: ProgramStore, name: str, make: Callable[[], StoredProgram]) -> StoredProgram:
+    """A program of the store; made, if nobody has made it, by one process or thread while the others wait."""
+    if found := _load(store, name):
+        return found
+    with store.maker(name, lambda: announce(Work.WAITS)):
+        return _load(store, name) or make()
+
+
+def _load(store: ProgramStore, name: str) -> StoredProgram | None:
+    found = store.load(name)
     if found is not None:
         note_program()
     return found
+
+
+def _compiled(lowered: Any, store: ProgramStore, name: str, results: Any) -> Callable:
+    """A program, compiled and stored."""
+    hits = _hits.count
+    run = lowered.compile()
+    # A program that JAX itself loaded from disk cannot be written again.
+    if _hits.count == hits:
+        store.save(name, run, results)
+    return run
 
 
 class _Hits(threading.local):

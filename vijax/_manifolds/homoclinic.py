@@ -7,13 +7,14 @@ from .._branches.branch import Branch
 from .._dataset_attributes import versions
 from .._jax.arrays import Count, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .tangency_search import Saddles, Tangency, TangencySearch
 
 # Least multiplier of a saddle: one closer to the unit circle is left too slowly.
 _LEAST = 1.1
 
 
+@says_what_compiles
 @padding_allowed
 def homoclinic_tangencies(
     branch: Branch,

@@ -11,7 +11,7 @@ from .._jax.arrays import Count, real_number, refuse_single_precision, whole_num
 from .._jax.concrete import concrete
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
-from .._progress import interrupt_with_result, tqdm
+from .._progress import interrupt_with_result, says_what_compiles, tqdm
 from .curve_points import is_known
 from .growth import CurveGrowth
 from .reversal import StateMap
@@ -21,6 +21,7 @@ from .seeds import Kind, Names, kinds_of, seeds_of
 _LENGTH, _SPACING = 20.0, 0.01
 
 
+@says_what_compiles
 @padding_allowed
 def manifolds(
     orbit: PeriodicOrbit,

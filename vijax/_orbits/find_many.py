@@ -8,7 +8,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .._system.checks import validate_start
 from .._system.periodicity import check_period
 from .._system.system import AnySystem
@@ -24,6 +24,7 @@ from .search import StroboscopicMap, with_room
 _SAME = 1e-6
 
 
+@says_what_compiles
 @padding_allowed
 def find_periodic_orbits(
     system: AnySystem,

@@ -10,6 +10,7 @@ from .._jax.concrete import check_values, is_traced
 from .._jax.errors import checked, number_of_doubts
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
+from .._progress import says_what_compiles
 from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
 from .._system.system import AnySystem, with_args
@@ -22,6 +23,7 @@ from .orbit import PeriodicOrbit
 from .search import StroboscopicMap
 
 
+@says_what_compiles
 @padding_allowed
 def periodic_orbit(
     system: AnySystem,

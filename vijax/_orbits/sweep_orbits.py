@@ -13,7 +13,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .._sections.classify import MOTIONS, classified
 from .._sections.record import dims_of, flattened_points, labelled
 from .._sweep.outcomes import warn_of_endings
@@ -25,6 +25,7 @@ from .search import StroboscopicMap
 _REPEATS = [MOTIONS.index(name) for name in ("non_impacting", "periodic", "chattering")]
 
 
+@says_what_compiles
 @padding_allowed
 def periodic_orbits(
     ds: xr.Dataset, *, max_events: Count = 256, executor: object = None, progress: bool = True

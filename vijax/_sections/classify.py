@@ -9,6 +9,7 @@ import xarray as xr
 
 from .._dataset_attributes import flags
 from .._dataset_checks import check_columns
+from .._jax.users_line import users_line
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
 from .non_impacting_proof import prove_non_impacting
@@ -117,7 +118,7 @@ def _warn_of_unsettled(found: xr.Dataset, tolerance: float) -> None:
     if falls.any():
         periods = np.max(np.log(error[falls] / tolerance) / -np.log(factor[falls]))
         time = f"Run on for about {np.ceil(periods):.0f} forcing periods more, by `transient` or `t1`."
-    warnings.warn(f"{is_so.sum()} of {is_so.size} motions have not settled. {time}", stacklevel=3)
+    warnings.warn(f"{is_so.sum()} of {is_so.size} motions have not settled. {time}", stacklevel=users_line())
 
 
 def classified(

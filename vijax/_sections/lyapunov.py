@@ -13,7 +13,7 @@ from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
 from .._system.system import AnySystem, machine_of, with_args
@@ -34,6 +34,7 @@ from .._trajectory.solution import RESULTS, result_sentences
 _TURNS = 1 << 17
 
 
+@says_what_compiles
 @padding_allowed
 def lyapunov_exponents(
     system: AnySystem,

@@ -11,7 +11,7 @@ from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, whole_number
-from .._progress import tqdm
+from .._progress import says_what_compiles, tqdm
 from .._system.parameters import find_parameter
 from .._system.system import AnySystem, machine_of, varied
 from .distributions import Distributions, drawn, uncertain
@@ -25,6 +25,7 @@ from .zipped import sweep_zipped
 SAMPLE = "sample"
 
 
+@says_what_compiles
 def ensemble(
     system: AnySystem,
     distributions: Distributions,

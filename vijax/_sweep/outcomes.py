@@ -5,6 +5,7 @@ import warnings
 import xarray as xr
 
 from .._dataset_checks import check_columns
+from .._jax.users_line import users_line
 from .._trajectory.solution import RESULTS
 
 _NAMES = list(RESULTS._name_to_item)
@@ -13,7 +14,7 @@ _NAMES = list(RESULTS._name_to_item)
 def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
     """Warn, once for each of these members of `RESULTS`, how many points have it.
 
-    The message of the member says what to do. The warning points to the caller's caller.
+    The message of the member says what to do.
     """
     check_columns(ds, "`vx.sweep`", {"result": ()})
     if ds.attrs.get("max_impacts") == 0:  # no log was requested
@@ -22,16 +23,18 @@ def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
         count = int((ds["result"] == code_of(name)).sum())
         if count:
             message = RESULTS[getattr(RESULTS, name)]
-            warnings.warn(f"{count} of {ds['result'].size} points ended with {message}", stacklevel=3)
+            warnings.warn(
+                f"{count} of {ds['result'].size} points ended with {message}", stacklevel=users_line()
+            )
 
 
 def warn_of_unsettled(count: int, of: int, transient: int) -> None:
-    """Warn that the attractor of `count` of `of` starts is not known. The warning points to the caller's caller."""
+    """Warn that the attractor of `count` of `of` starts is not known."""
     if count:
         warnings.warn(
             f"{count} of {of} starts have not settled, even run on for many times the transient: they may be in "
             f"chaos that dies out slowly, or near a bifurcation. Increase `transient`, now {transient}.",
-            stacklevel=3,
+            stacklevel=users_line(),
         )
 
 

@@ -16,7 +16,7 @@ from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Count, Numbers, whole_number
-from .._progress import interrupt_with_word_of, tqdm
+from .._progress import interrupt_with_word_of, says_what_compiles, tqdm
 from .._system.system import AnySystem, machine_of, varied
 from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
@@ -29,6 +29,7 @@ from .short_names import with_labels, with_names, without_names
 from .zarr_output import write_sweep
 
 
+@says_what_compiles
 def sweep(
     system: AnySystem,
     values: Mapping[str, Numbers | tuple[str, Numbers]],
@@ -74,7 +75,7 @@ def sweep(
             or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
         v0: velocities at the start of every point, (n,); zero if left out.
-        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for one with
+        flow: the motion between events. If left out, exact for a linear machine, and `vx.TaylorFlow()` for one with
             a `force`, which must depend on t with the period of the load, or not at all.
         args: passed to the `force` of the machine.
         lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to

@@ -9,7 +9,7 @@ from .._dataset_attributes import variable_attributes, versions
 from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
-from .._progress import interrupt_with_result, tqdm
+from .._progress import interrupt_with_result, says_what_compiles, tqdm
 from .._sweep.short_names import with_labels
 from .._system.parameters import machine_at
 from .circle import growth_rates
@@ -20,6 +20,7 @@ from .section_map import SectionMap
 _RESONANT = 1e-6
 
 
+@says_what_compiles
 @padding_allowed
 def follow_torus(
     point: Bifurcation,

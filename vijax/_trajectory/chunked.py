@@ -13,7 +13,7 @@ import numpy as np
 
 from .event_log import EventLog, Restarts
 from .loop import LoopArguments
-from .one_call import EVENTS, GOALS, STEPS, CallProgress, Found, KnownMachine, call, pack_request
+from .one_call import EVENTS, GOALS, STEPS, CallProgress, Found, KnownMachine
 from .solution import Solution
 
 # Events of a log whose length is left to the motion.
@@ -24,13 +24,13 @@ Rows = TypeVar("Rows", EventLog, Restarts)
 
 def follow_known(known: KnownMachine, request: LoopArguments) -> Solution:
     """Follow a trajectory of NumPy numbers, with any number of `request.goals`."""
-    ts, left = request.goals, known.nothing
+    ts, left = request.goals, None
     calls: list[_Taken] = []
     num_reached = 0
     while True:
         window = _window(request, num_reached)
-        found = call(known, pack_request(window), left)
-        left, is_done = found.left, not np.asarray(found.is_paused)
+        found = known.follow(window, left)
+        left, is_done = found.left, not found.is_paused
         if is_done and not calls and len(ts) == 1 and request.max_events in (EVENTS, MOST_EVENTS):
             return found.solution
         taken = _taken(found, left.in_numpy().unpacked(), int(window.num_goals))
@@ -71,11 +71,12 @@ class _Taken:
 
 def _taken(found: Found, left: CallProgress, most_goals: int) -> _Taken:
     num_goals = min(int(left.goals), most_goals)  # the end is not a saved state
+    xs, vs = np.asarray(found.saved)[:, :num_goals]
     events = found.solution.events
     is_event = np.asarray(events.stop) >= 0
     return _Taken(
-        xs=np.asarray(found.xs)[:num_goals].copy(),
-        vs=np.asarray(found.vs)[:num_goals].copy(),
+        xs=xs.copy(),
+        vs=vs.copy(),
         events=jax.tree.map(lambda a: np.asarray(a)[is_event], events),
         restarts=jax.tree.map(lambda a: np.asarray(a)[: int(left.rows)].copy(), found.solution.restarts),
     )

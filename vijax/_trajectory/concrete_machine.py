@@ -16,7 +16,7 @@ from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Reals, as_numpy_float
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import AnySystem, ImpactSystem, with_args
-from .one_call import KnownMachine, known_to_calls
+from .one_call import KnownMachine
 
 _MOST = 64
 
@@ -76,10 +76,10 @@ class ConcreteMachine:
     def packed(self, wanted: AbstractFlow | None, *, can_stick: bool) -> KnownMachine:
         """The machine packed with the given flow, or with the chosen one and cached."""
         if wanted is not None:
-            return known_to_calls(self.in_numpy, self.flow(wanted, can_stick=can_stick), can_stick=can_stick)
+            return KnownMachine(self.in_numpy, self.flow(wanted, can_stick=can_stick), can_stick=can_stick)
         if can_stick not in self.calls:
             flow = self.flow(None, can_stick=can_stick)
-            self.calls[can_stick] = known_to_calls(self.in_numpy, flow, can_stick=can_stick)
+            self.calls[can_stick] = KnownMachine(self.in_numpy, flow, can_stick=can_stick)
         return self.calls[can_stick]
 
 

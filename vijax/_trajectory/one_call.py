@@ -46,6 +46,7 @@ class CallProgress(eqx.Module):
     """Progress of a trajectory, from which the next call continues.
 
     Attributes:
+        is_paused: whether another call is needed.
         state: the motion.
         goals: number of goals reached by this call, including the end.
         steps: number of steps so far.
@@ -53,10 +54,10 @@ class CallProgress(eqx.Module):
         num_events: number of events so far.
         known_until: time of the last logged instant.
         is_finite: whether the motion stayed finite.
-        is_paused: whether another call is needed.
         grazing: closest approach to grazing.
     """
 
+    is_paused: Reals
     state: State
     goals: Reals
     steps: Reals
@@ -64,46 +65,60 @@ class CallProgress(eqx.Module):
     num_events: Reals
     known_until: Reals
     is_finite: Reals
-    is_paused: Reals
     grazing: Grazing
 
 
 class Found(NamedTuple):
-    """Results of one call.
+    """Results of one call; each array takes three microseconds.
 
     Attributes:
         solution: the trajectory, with the events of this call and the first saved state: most requests have no more.
-        xs: saved positions, (goals, n), padded.
-        vs: saved velocities, likewise.
-        is_paused: whether another call is needed.
-        left: progress, packed.
+        saved: saved positions and velocities, (2, goals, n), padded.
+        left: progress, packed; its first whole number, in the order of `CallProgress`, tells whether another call is needed.
     """
 
     solution: Solution
-    xs: Array
-    vs: Array
-    is_paused: Array
+    saved: Array
     left: Packed
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether another call is needed."""
+        return bool(np.asarray(self.left.wholes)[0])
 
-class KnownMachine(eqx.Module):
-    """A machine of concrete numbers as calls take it.
 
-    Attributes:
-        machine: its `MachineNumbers` and its flow, packed.
-        nothing: progress before the first call, packed.
-        choices: the static choices.
+class KnownMachine:
+    """A machine of concrete numbers as calls take it, packed once: it is immutable.
+
+    Args:
+        numbers: its numbers.
+        flow: its flow.
+        can_stick: whether a stop may hold its mass.
     """
 
-    machine: Packed
-    nothing: Packed
-    choices: Choices = eqx.field(static=True)
+    def __init__(self, numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool):
+        machine, self._nothing = jax.device_put(pack((numbers, flow))), _packed_nothing(numbers, flow)
+        n, dtype = numbers.rows.shape[1], np.dtype(numbers.mass.dtype)
+        self._num_reals, self._dtype = 2 + 2 * n + GOALS, dtype
+        blank = Packed(np.empty(self._num_reals, dtype), np.empty(6, int), _layout_of_request(n, dtype))
+        choices = Choices(can_stick, EVENTS, is_whole=False)
+        self._call = call.prepared(machine, self._nothing, blank, choices)
+        self._machine = machine.reals, machine.wholes
 
-
-def known_to_calls(numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool) -> KnownMachine:
-    """Pack a machine of concrete numbers."""
-    machine = jax.device_put(pack((numbers, flow)))
-    return KnownMachine(machine, _packed_nothing(numbers, flow), Choices(can_stick, EVENTS, is_whole=False))
+    def follow(self, request: LoopArguments, left: Packed | None) -> Found:
+        """Follow a trajectory by a request of NumPy numbers, from its start or from the progress of the call before."""
+        left = self._nothing if left is None else left
+        n = len(request.x0)
+        reals = np.empty(self._num_reals, self._dtype)
+        reals[0], reals[1], reals[2 : 2 + n], reals[2 + n : 2 + 2 * n] = (
+            request.t0,
+            request.t1,
+            request.x0,
+            request.v0,
+        )
+        reals[2 + 2 * n :] = request.goals
+        wholes = np.array([int(a) for a in request[5:]])
+        return self._call([*self._machine, left.reals, left.wholes, reals, wholes])
 
 
 def _packed_nothing(numbers: MachineNumbers, flow: AbstractFlow) -> Packed:
@@ -137,23 +152,23 @@ def _packed_of_shape(*sizes: Any) -> Packed:
 
 
 @jit_lightly
-def call(known: KnownMachine, request: Packed, left: Packed) -> Found:
-    """Follow a trajectory, from its start or from the progress `left` of the call before."""
-    (numbers, flow), asked = known.machine.layout.shapes(), request.unpacked()
-    arguments = known.machine, request, left
+def call(machine: Packed, left: Packed, request: Packed, choices: Choices) -> Found:
+    """Follow a trajectory of a machine and its flow, from its start or from the progress `left` of the call before."""
+    (numbers, flow), asked = machine.layout.shapes(), request.unpacked()
+    arguments = machine, request, left
     has_sums = are_sums_in_kernels()
     if fits_one_kernel(numbers, flow, UNROLLED if has_sums else UNROLLED_ALONE):
-        begin = partial(_begin, unpack=Packed.unpacked, choices=known.choices)
+        begin = partial(_begin, unpack=Packed.unpacked, choices=choices)
         task, last = run_loop(begin, arguments, in_kernel=True)
     else:
         # Otherwise each of fifty arrays would be the result of a kernel.
-        begin = partial(_begin, unpack=Packed.unpacked_by_kernel, choices=known.choices)
+        begin = partial(_begin, unpack=Packed.unpacked_by_kernel, choices=choices)
         most = sys.maxsize if has_sums else UNROLLED_ALONE
         task, last = run_prepared(*begin(*arguments), in_kernel=steps_fit_one_kernel(numbers, flow, most))
-    solution, reached = finish(task, last, asked, known.choices), _progress(task, last, asked)
+    solution, reached = finish(task, last, asked, choices), _progress(task, last, asked)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
-    return Found(first, solution.xs, solution.vs, reached.is_paused, pack(reached))
+    return Found(first, jnp.stack([solution.xs, solution.vs]), pack(reached))
 
 
 def _begin(
@@ -196,11 +211,6 @@ def _gone_on(carry: Carry, left: CallProgress) -> Carry:
     )
     # Empty arrays for events and saved states are the same in both.
     return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
-
-
-def pack_request(request: LoopArguments) -> Packed:
-    """Pack a request of NumPy numbers with `GOALS` goals."""
-    return pack(request, _layout_of_request(len(request.x0), request.x0.dtype))
 
 
 @lru_cache

@@ -13,9 +13,11 @@ from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, whole_number
 from .._jax.concrete import check_values, concrete, evaluate_eagerly, is_traced
 from .._jax.errors import checked, none_true, number_of_doubts
+from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import numbers_of
+from .._progress import says_what_compiles
 from .._system.checks import validate_start
 from .._system.system import AnySystem, machine_of, with_args
 from .chunked import MOST_EVENTS, follow_known
@@ -27,6 +29,7 @@ from .solution import RESULTS, Solution, result_sentences
 from .unfelt_force import warn_of_unfelt_force
 
 
+@says_what_compiles
 @padding_allowed
 def simulate(
     system: AnySystem,
@@ -60,7 +63,7 @@ def simulate(
         x0: positions at t0, (n,); zero if left out. May lie on a stop.
         v0: velocities at t0, (n,); zero if left out.
         ts: times at which to save the state, in increasing order; t1 if left out.
-        flow: the motion between events; if left out, exact for a linear machine, `vx.DiffraxFlow()` for one with a
+        flow: the motion between events; if left out, exact for a linear machine, `vx.TaylorFlow()` for one with a
             `force`.
         args: passed to the `force` of the machine: numbers and arrays in any nesting.
         max_events: length of the event log. If left out, 1024 or as many as the motion has, up to a million; always 1024
@@ -189,7 +192,7 @@ def warn_about_reverse_steps(max_reverse_steps: Count | None) -> None:
         "Argument `max_reverse_steps` has no effect any more, and will go: derivatives have no bound on the steps. Leave it "
         "out.",
         DeprecationWarning,
-        stacklevel=4,
+        stacklevel=users_line(),
     )
 
 

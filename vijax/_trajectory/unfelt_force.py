@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._jax.arrays import Reals
+from .._jax.users_line import users_line
 from .._system.system import ImpactSystem
 
 # Times at which the force is looked at; a pulse as short as this part of the run is found.
@@ -34,7 +35,7 @@ def warn_of_unfelt_force(
             f"The machine stayed at rest, but its `force` changes at t = {times[acts.argmax()]:.6g}: no step of the solver saw "
             "it. Run up to that time and go on from there, or bound the steps by `dtmax` of a `diffrax.PIDController` in "
             "`flow=vx.DiffraxFlow(stepsize_controller=...)`.",
-            stacklevel=5,
+            stacklevel=users_line(),
         )
 
 

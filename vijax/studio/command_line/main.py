@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import jax
 
 from ..._dataset_attributes import version
-from . import attractors, branch, explore, info, orbit, plot, sweep
+from . import attractors, branch, explore, info, orbit, plot, precompile, sweep
 
 _ABOUT = """
-Vibro-impact machines: sweeps over parameters, periodic orbits, their branches, attractors and basins, pictures, and an explorer, for files of machines (.toml, .json) and datasets
+Vibro-impact machines: sweeps over parameters, periodic orbits, their branches, attractors and basins, pictures, an explorer, and programs compiled ahead of time, for files of machines (.toml, .json) and datasets
 (.nc, .zarr). All is computed in 64-bit numbers.
 """
 _WRONG, _STOPPED = 2, 130
@@ -49,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("vijax", description=_ABOUT)
     parser.add_argument("--version", action="version", version=f"vijax {version('vijax')}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
-    for command in (sweep, orbit, branch, attractors, info, plot, explore):
+    for command in (sweep, orbit, branch, attractors, info, plot, explore, precompile):
         command.add_to(commands)
     return parser
 

@@ -1,0 +1,51 @@
+"""Word of programs that are being compiled, for whoever waits for them.
+
+A call opens itself to it by `announced_to`; what compiles calls `announce`, in whichever thread.
+"""
+
+import enum
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+class Work(enum.Enum):
+    """What is done before a program can run."""
+
+    COMPILES = enum.auto()
+    """Traced and compiled, and kept for later processes."""
+    COMPILES_NOW = enum.auto()
+    """Traced and compiled for this process alone."""
+    TRACES = enum.auto()
+    """Traced in every process; compiled unless a process before has done so."""
+    WAITS = enum.auto()
+    """Compiled by another process or thread, for which this one waits."""
+
+
+class _Listener:
+    """Whom the outermost open call tells; it decides nothing but words on the screen."""
+
+    tell: Callable[[Work], None] | None = None
+
+
+_listener = _Listener()
+
+
+def is_announced() -> bool:
+    """True within a call that is told of what compiles."""
+    return _listener.tell is not None
+
+
+@contextmanager
+def announced_to(tell: Callable[[Work], None]) -> Iterator[None]:
+    """Tell of all that compiles until the end, in all threads."""
+    before, _listener.tell = _listener.tell, tell
+    try:
+        yield
+    finally:
+        _listener.tell = before
+
+
+def announce(work: Work) -> None:
+    """Tell the call that waits for it."""
+    if _listener.tell is not None:
+        _listener.tell(work)
