@@ -214,8 +214,7 @@ class Builder:
         if isinstance(operation, Linear) and len(operation.args) == 1 and not operation.constant:
             return self._chooser(operation.args[0])
         if isinstance(operation, Product) and self.is_fixed(operation.args[0]):
-            _, other = operation.args
-            return self._chooser(other)
+            return self._chooser(operation.args[-1])
         return None
 
     def _modes_of(self, which: Operand) -> tuple[int, ...]:
