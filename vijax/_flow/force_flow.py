@@ -27,7 +27,7 @@ from .exact_step import ExpandingFlow, flight_along, move_along, state_after_ste
 from .force_plan import plan_of
 from .force_series import LONGEST_PHASE, ForceSeries, force_series, in_space, jacobian_sizes
 from .interface import Flight
-from .series_length import derivative_limit, is_consistent, motion_limit
+from .series_length import derivative_limit, is_consistent, motion_limit, time_limit
 from .switching_step import TERMS
 from .taylor import TaylorExpansion
 
@@ -92,6 +92,7 @@ class ForceFlow(ExpandingFlow):
         sizes = jacobian_sizes(machine, motion.series, order)
         call = compute_once if fence else _plainly
         limit = call(_limit, machine, motion.x, *sizes, tolerance)
+        limit = time_limit(self._plan(machine), machine, state, modes, limit, order, tolerance)
         limit = _consistent(
             self._plan(machine), machine, state, hold, modes, motion, limit, tolerance, direction
         )

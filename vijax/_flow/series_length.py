@@ -6,6 +6,8 @@
    of the flow do not.
 3. Force and polynomial agree at the end of the step (`is_consistent`): a force that is about to begin, such as exp(50 (x - 1)),
    shows in no coefficient.
+4. Functions of time alone that are not harmonic are bounded on a disc of complex times (`time_limit`): a pulse that is still far
+   shows in no coefficient either.
 """
 
 from math import factorial, log2
@@ -21,11 +23,15 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._series.plan import Plan
 from .._series.series import force_at
+from .._series.time_bound import has_time_bound, time_bound
 from .force_series import ForceSeries, in_space, largest
 from .series import derivative, horner
 
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
+# Radius of the disc on which functions of time are bounded, in lengths of the step, and halvings of a step.
+_DISC = 6.0
+_MOST_HALVINGS = 60
 
 
 def motion_limit(x: list[Array], tolerance: float) -> Scalar:
@@ -65,6 +71,39 @@ def derivative_limit(by_x: list[Any], by_v: list[Any], tolerance: float, like: A
         slope.append(q * phi[q])
     room = [(log2(tolerance) - _log2(phi[k])) * (1 / k) for k in (order - 1, order)]
     return _SHARE * _exp2(jnp.minimum(*room))
+
+
+def time_limit(
+    plan: Plan,
+    machine: Machine,
+    state: State,
+    modes: tuple[Scalar, ...],
+    limit: Scalar,
+    order: int,
+    tolerance: float,
+) -> Scalar:
+    """Rule 4: longest step, halved until functions of time alone are bounded on a disc of six times its length.
+
+    What is bounded by M there has coefficients below M / (6 h)^k. It counts against the factor of the function, its amplitude: the
+    machine may be at rest, without a scale.
+    """
+    if not has_time_bound(plan):
+        return limit
+    assert machine.extra is not None
+    force, clock = machine.extra.force, machine.clock(state)
+    most = 10 * tolerance * _DISC**order
+
+    def is_wild(limit: Scalar) -> Flag:
+        bound = time_bound(plan, force, clock, _DISC * limit, like=state.x, modes=modes)
+        return ~(bound <= most)
+
+    def halve(carry: tuple) -> tuple:
+        limit, _, turns = carry
+        return limit / 2, is_wild(limit / 2), turns + 1
+
+    is_on = lambda carry: carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
+    found, _, _ = jax.lax.while_loop(is_on, halve, (limit, is_wild(limit), jnp.zeros(limit.shape, int)))
+    return found
 
 
 def _tiny(like: Array) -> float:

@@ -44,8 +44,9 @@ def has_time_bound(plan: Plan) -> bool:
 def time_bound(plan: Plan, force: Any, t: Any, radius: Any, *, like: Array, modes: Any = ()) -> Scalar:
     """Bound how far series of time alone are from their values at t, for complex times within a radius of t.
 
-    Series that are polynomials, harmonic, or products of such are not among them: their coefficients tell all. Infinite where
-    a singularity may be on the disc.
+    It is the largest over all terms of the force, each without its constant factors, relative to its own value where this is
+    larger than one: an amplitude is no scale of the function. Terms that are polynomials, harmonic, or products of such are not
+    among them: their coefficients tell all. Infinite, or NaN, where a singularity may be on the disc.
     """
     wild = _wild(plan)
     empty = jnp.zeros_like(like)
@@ -62,10 +63,11 @@ def time_bound(plan: Plan, force: Any, t: Any, radius: Any, *, like: Array, mode
         if operation.out in needed:
             centre = values.coefficient(operation.out, 0)
             discs[operation.out] = centre, _radius(operation, of, centre)
-    total = jnp.zeros(like.shape[1:], like.dtype)
-    for series, factor in wild.items():
-        total = total + factor * discs[series][1]
-    return total
+    most = jnp.zeros(like.shape[1:], like.dtype)
+    for series in wild:
+        centre, own = discs[series]
+        most = jnp.maximum(most, own / jnp.maximum(jnp.abs(centre), 1))
+    return most
 
 
 def _needed(plan: Plan, series: Iterable[int]) -> set[int]:
@@ -78,8 +80,8 @@ def _needed(plan: Plan, series: Iterable[int]) -> set[int]:
     return needed - fixed
 
 
-def _wild(plan: Plan) -> dict[int, float]:
-    """Series of time alone that the motion reads, and that are not tame, with their factors."""
+def _wild(plan: Plan) -> list[int]:
+    """Terms of time alone that the motion reads, and that are not tame."""
     first = 1 + plan.num_numbers
     moving = set(range(first, first + 2 * plan.num_masses))
     timed, linear, tame = {0}, {0}, {0}
@@ -106,20 +108,23 @@ def _wild(plan: Plan) -> dict[int, float]:
     return _terms(plan, [s for s in read if s not in tame], tame)
 
 
-def _terms(plan: Plan, series: Sequence[int], tame: set[int]) -> dict[int, float]:
-    """Terms of sums that are not tame, with the sizes of their factors."""
-    sums = {operation.out: operation for operation in plan.operations if isinstance(operation, Linear)}
-    found: dict[int, float] = {}
-    waiting = [(s, 1.0) for s in series]
+def _terms(plan: Plan, series: Sequence[int], tame: set[int]) -> list[int]:
+    """Terms of sums that are not tame, without factors that do not change."""
+    by_out = {operation.out: operation for operation in plan.operations}
+    first = 1 + plan.num_numbers
+    given = {*range(1, first), *(switch.mode for switch in plan.switches)}
+    is_fixed = lambda a: is_known(a) or a in given or isinstance(by_out.get(a), Fixed)  # noqa: E731
+    found: dict[int, None] = {}
+    waiting = list(series)
     while waiting:
-        s, factor = waiting.pop()
-        if s in sums:
-            terms = zip(sums[s].args, sums[s].factors, strict=True)
-            waiting.extend((a, abs(c) * factor) for a, c in terms if not is_known(a) and a not in tame)
+        s = waiting.pop()
+        operation = by_out.get(s)
+        own = [] if operation is None else [a for a in operation.sources if not is_fixed(a)]
+        if isinstance(operation, Linear) or (isinstance(operation, Product) and len(own) == 1):
+            waiting.extend(a for a in own if a not in tame)
         else:
-            found[s] = found.get(s, 0.0) + factor
-    fixed = {operation.out for operation in plan.operations if isinstance(operation, Fixed)}
-    return {s: factor for s, factor in found.items() if s not in fixed}
+            found[s] = None
+    return list(found)
 
 
 def _radius(operation: Operation, of: Callable[[Operand], Disc], value: Any) -> Any:
@@ -291,8 +296,8 @@ RADII: dict[Callable, Callable[..., Any]] = {
     jnp.log: _of_one(_logarithm),
     jnp.log1p: _of_one(lambda a, r: _logarithm(1 + a, r)),
     **dict.fromkeys((jnp.arcsin, jnp.arccos), _of_one(_by_distance(_from_units, 0.5))),
-    jnp.arctanh: _of_one(_by_distance(_from_units, 1)),
+    jnp.arctanh: _of_one(_by_distance(_from_units, 1.0)),
     jnp.arccosh: _of_one(_by_distance(_from_beyond_one, 0.5)),
-    jnp.arctan: _of_one(_by_distance(_from_imaginary_units, 1)),
+    jnp.arctan: _of_one(_by_distance(_from_imaginary_units, 1.0)),
     jnp.arcsinh: _of_one(_by_distance(_from_imaginary_units, 0.5)),
 }
