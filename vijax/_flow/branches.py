@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from .._jax.arrays import Scalar, smallest
+from .._jax.arrays import Flag, Scalar, smallest
 from .._jax.xla import is_any
 from .._series.modes import bounds_of_mode, decide, next_knot, num_rounds
 from .._series.plan import Plan
@@ -81,6 +81,14 @@ def unknown_branches(num_switches: int, like: Scalar) -> BranchMemory | None:
         return None
     unknown = jnp.full_like(like, _UNKNOWN)
     return BranchMemory((unknown,) * num_switches, (jnp.zeros_like(like),) * num_switches)
+
+
+def is_entering(memory: BranchMemory) -> Flag:
+    """True where a guard is at a knot, or may be."""
+    found = jnp.zeros(memory.modes[0].shape, bool)
+    for mode, entered in zip(memory.modes, memory.entered, strict=True):
+        found = found | (entered != 0) | (mode < 0)
+    return found
 
 
 def modes_now(plan: Plan, memory: BranchMemory, series_with: Callable[[tuple], Series]) -> tuple[Scalar, ...]:

@@ -24,11 +24,15 @@ from .._machine.state import State
 from .._series.plan import Plan
 from .._series.series import force_at
 from .._series.time_bound import has_time_bound, time_bound
+from .branches import is_entering
 from .force_series import ForceSeries, in_space, largest
 from .series import derivative, horner
 
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
+# Impulse of the contradiction at the end of a step, in tolerances: its mean over the step is far smaller, but not that of a power
+# that begins.
+_SLACK, _OF_CLOSING = 1e3, 1e-2
 # Radius of the disc on which functions of time are bounded, in lengths of the step, and halvings of a step.
 _DISC = 6.0
 _MOST_HALVINGS = 60
@@ -138,7 +142,11 @@ def is_consistent(
     step: Scalar,
     tolerance: float,
 ) -> Flag:
-    """Rule 3: whether the force at the end of a step is that of the polynomial."""
+    """Rule 3: whether the force at the end of a step is that of the polynomial.
+
+    A power of a branch that begins now, as the force of a Hertz contact that closes, is not in the polynomial at all: the step must
+    be so short that its whole impulse is nothing.
+    """
     assert machine.extra is not None
     x, v, phase = (horner(a, step) for a in (motion.x, motion.v, motion.phase))
     own = force_at(
@@ -154,4 +162,7 @@ def is_consistent(
         tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
         + 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
     )
-    return jnp.isfinite(defect) & (step * defect <= 1e3 * most)
+    share: Any = _SLACK
+    if plan.has_closing_powers:
+        share = jnp.where(is_entering(state.memory), _OF_CLOSING, share)
+    return jnp.isfinite(defect) & (step * defect <= share * most)

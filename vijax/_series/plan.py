@@ -16,7 +16,7 @@ from .builder import Builder
 from .graph_of_force import is_known, ordered_nodes, scalars_of
 from .jacobian import derivatives
 from .operations import Linear, Operand, Operation, Product
-from .powers import ClosingPower
+from .powers import ClosingPower, Power
 from .primitives import series_of
 from .switches import Switch
 
@@ -55,6 +55,11 @@ class Plan:
     def num_switches(self) -> int:
         """Number of modes."""
         return len(self.switches)
+
+    @property
+    def has_closing_powers(self) -> bool:
+        """True if the force has powers of branches, which have no power series in time where they begin at zero."""
+        return any(isinstance(operation, Power) and operation.is_clipped for operation in self.operations)
 
     @property
     def is_singular(self) -> bool:
