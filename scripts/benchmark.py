@@ -3,6 +3,7 @@
     python scripts/benchmark.py               # quick: about five minutes on two cores
     python scripts/benchmark.py --full        # everything, all sizes: about forty
     python scripts/benchmark.py --only sweeps derivatives
+    python scripts/benchmark.py --first       # where the CPU time of first results goes, call by call: about ten
     python scripts/benchmark.py --only masses --full --beside other/benchmark.json   # two releases of JAX
 
 Writes benchmark.json, CSV files and pictures to out/, and prints the table of the README. Errors are
@@ -33,6 +34,7 @@ from benchmarks import (
     report,
     single,
     sizes,
+    waits,
 )
 
 PARTS = {
@@ -52,16 +54,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--full", action="store_true", help="all sizes and more repeats")
     parser.add_argument("--only", nargs="+", choices=list(PARTS), default=list(PARTS))
+    parser.add_argument(
+        "--first",
+        nargs="*",
+        metavar="CALL",
+        choices=list(waits.CALLS),
+        help="parts of the CPU time of first results alone, and their table; of some calls, or of all",
+    )
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument(
         "--beside",
         nargs="+",
         type=Path,
         default=[],
-        help="benchmark.json of other releases of JAX, each a column",
+        help="benchmark.json, or with --first first.json, of other releases of JAX, each a column",
     )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
+    if options.first is not None:
+        measure_waits(options.first, options.out, options.beside)
+        return
     results: dict = {"surroundings": report.surroundings(), "seconds": {}}
     for name in options.only:
         print(f"\n== {name}", flush=True)
@@ -72,6 +84,14 @@ def main() -> None:
     others = [json.loads(path.read_text()) for path in options.beside]
     pictures.draw(results, options.out, *others)
     print("\n" + report.table(results, *others))
+
+
+def measure_waits(calls: list[str], out: Path, beside: list[Path]) -> None:
+    """Write first.json, and print the table of first results beside other releases of JAX."""
+    others = [json.loads(path.read_text()) for path in beside]
+    rows = waits.waits(calls)
+    (out / "first.json").write_text(json.dumps(rows, indent=1))
+    print("\n" + waits.table(rows, *others))
 
 
 if __name__ == "__main__":

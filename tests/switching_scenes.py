@@ -16,6 +16,8 @@ _KINDS = {
 }
 # A chatter has light impacts for a far shorter time than this.
 _LONGEST_END = 0.05
+# The end of a chatter is that of a geometric series of light bounces.
+_STICK = 1e-8
 
 
 class Happening(NamedTuple):
@@ -63,6 +65,29 @@ class SwitchingScene(NamedTuple):
             events = _without_end(events, chatter, self.num_stops)
         return events
 
+    def check_events(self, solution: vx.Solution) -> None:
+        """Every element has the same events, in the same order, and no others."""
+        found, expected = self.found(solution), self.expected
+        assert len(found) == len(expected)
+        for element in range(self.num_stops + len(self.system.friction)):
+            ours, theirs = ([e.kind for e in events if e.element == element] for events in (found, expected))
+            assert ours == theirs, element
+
+    def check_times(self, solution: vx.Solution) -> None:
+        """The events of each element come at the same times."""
+        key = lambda e: (e.element, e.t)  # noqa: E731
+        pairs = zip(sorted(self.found(solution), key=key), sorted(self.expected, key=key), strict=True)
+        for ours, theirs in pairs:
+            tolerance = _STICK if theirs.kind == "stick" else 0.0
+            assert abs(ours.t - theirs.t) <= tolerance + self.time_tolerance(theirs.t), (ours, theirs)
+
+    def check_end(self, solution: vx.Solution, unit: float = 1.0) -> None:
+        """The end state is the same; `unit` is the size of its numbers."""
+        for name in ("x1", "v1"):
+            np.testing.assert_allclose(
+                getattr(solution, name), self.data[name], rtol=0, atol=unit * self.state_tolerance
+            )
+
     @property
     def state_tolerance(self) -> float:
         """Tolerance of the end state."""
@@ -90,7 +115,7 @@ def scene_of(name: str, data: dict) -> SwitchingScene:
         vx.CompliantContact(_row(c), c["position"], c["stiffness"], c["damping"], c["preload"])
         for c in data["compliant"]
     ]
-    friction = [vx.Friction(_row(c), c["force"], c["static"], c["belt"]) for c in data["friction"]]
+    friction = [_friction(c, len(data["contacts"])) for c in data["friction"]]
     load = vx.Harmonic(data["A"], data["Omega"], data["phase"], data["mean"])
     mass = np.array(data["M"])
     mass = mass if np.any(mass - np.diag(np.diag(mass))) else np.diag(mass)
@@ -105,13 +130,31 @@ def shape_of(name: str) -> tuple:
     return data["n"], *(len(data[kind]) for kind in ("contacts", "compliant", "friction")), bool(is_full)
 
 
+def _friction(element: dict, num_contacts: int) -> vx.Friction:
+    if "force" in element:
+        return vx.Friction(_row(element), element["force"], element["static"], element["belt"])
+    normal = element["normal"]
+    number = normal["index"] + (num_contacts if normal["element"] == "compliant" else 0)
+    static = element["static_coefficient"]
+    return vx.Friction(
+        _row(element),
+        velocity=element["belt"],
+        coefficient=element["coefficient"],
+        static_coefficient=None if static == element["coefficient"] else static,
+        contact=number,
+    )
+
+
 def _row(element: dict) -> dict[int, float]:
     return {i: a for i, a in enumerate(element["row"]) if a}
 
 
 def data_of(name: str) -> dict:
     """Fields of the file of a scene."""
-    (path,) = _DATA.glob(f"golden_[sm]*/{name}.json")
+    paths = (
+        _DATA / folder / f"{name}.json" for folder in ("golden_switching", "golden_mixed", "golden_coulomb")
+    )
+    (path,) = (path for path in paths if path.exists())
     return json.loads(path.read_text())
 
 

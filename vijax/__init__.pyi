@@ -13,6 +13,8 @@ from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
 from ._branches.branches import branches as branches
 from ._branches.continuation import continuation as continuation
 from ._branches.curve import bifurcation_curve as bifurcation_curve
+from ._branches.grazing_form import GrazingForm as GrazingForm
+from ._branches.normal_form import NormalForm as NormalForm
 from ._branches.switch import switch_branch as switch_branch
 from ._charts.chart import chart as chart
 from ._execution.settings import ExecutionSettings as ExecutionSettings
@@ -78,6 +80,7 @@ from ._system.restitution import (
 )
 from ._system.states import with_states as with_states
 from ._system.stop import Stop as Stop
+from ._system.symmetry import Symmetry as Symmetry
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 from ._system.tabulated import Tabulated as Tabulated, Waveform as Waveform
 from ._tori.torus import follow_torus as follow_torus

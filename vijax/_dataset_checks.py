@@ -10,8 +10,25 @@ import xarray as xr
 
 # Kinds of the types of real numbers and flags in NumPy, and columns of complex numbers.
 _REAL, _COMPLEX = "biuf", ("multipliers",)
+# Columns that motions followed for a `duration` do not have.
+_OF_PERIODS = {
+    "forcing_period",
+    "impact_phase",
+    "section_x",
+    "section_v",
+    "section_position",
+    "section_velocity",
+}
 # Dimensions along which there may be nothing.
 _MAY_BE_EMPTY = {"stop", "impact", "event", "attractor", "section"}
+
+
+def check_is_dataset(ds: Any, argument: str, source: str) -> None:
+    """Reject what is no dataset; `source` is the function that makes such, as the user calls it."""
+    if not isinstance(ds, xr.Dataset):
+        raise ValueError(
+            f"Argument `{argument}` must be a dataset, what {source} returned, but is a {type(ds).__name__}."
+        )
 
 
 def check_columns(ds: xr.Dataset, source: str, columns: Mapping[str, tuple[str, ...]]) -> None:
@@ -20,6 +37,11 @@ def check_columns(ds: xr.Dataset, source: str, columns: Mapping[str, tuple[str, 
     `source` is the function that makes such datasets, as the user calls it.
     """
     for name, dims in columns.items():
+        if name not in ds.variables and name in _OF_PERIODS and "duration" in ds.attrs:
+            raise ValueError(
+                f"The dataset is of motions followed for a `duration`, without forcing periods, so it has no `{name}`: pass one of "
+                f"{source} with `transient` and `record`."
+            )
         if name not in ds.variables:
             clause = f"has no `{name}`"
         elif missing := set(dims) - set(ds[name].dims):

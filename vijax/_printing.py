@@ -152,8 +152,8 @@ def describe_compliant(stop: Any) -> Description:
 
 def describe_friction(element: Any) -> Description:
     """Describe a friction element on one line."""
-    batch = _batch((element.force, 0), (element.velocity, 0))
-    return Description(f"Friction: {_rubbing(element)}{_beside(element.force, batch)}", [])
+    batch = _batch((element.slip, 0), (element.velocity, 0))
+    return Description(f"Friction: {_rubbing(element)}{_beside(element.slip, batch)}", [])
 
 
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
@@ -161,7 +161,7 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
     forcing, stops = system.forcing, system.stops
     laws = [stop.stiffness if stop.is_compliant else stop.light_restitution for stop in stops]
     walls = [(value, 0) for stop, law in zip(stops, laws, strict=True) for value in (stop.position, law)]
-    walls += [(element.force, 0) for element in system.friction]
+    walls += [(element.slip, 0) for element in system.friction]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
     masses = _count(system.stiffness.shape[-1] - system.num_states, "mass", "masses")
     if system.num_states:
@@ -190,7 +190,7 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
 
 
 def words_of_kind(system: Any) -> str:
-    """What programs of a machine are compiled for, as "2 masses, friction and 1 stop"."""
+    """The kind of a machine, which programs are compiled for, in words: "2 masses, 1 friction element and 1 stop"."""
     rigid, compliant = (
         [stop for stop in system.stops if stop.is_compliant == is_compliant] for is_compliant in (False, True)
     )
@@ -307,9 +307,11 @@ def _compliance(stop: Any) -> str:
 
 
 def _rubbing(element: Any) -> str:
-    static = "" if element.static is None else f", static {_numbers(element.static, 0)}"
+    given = element.static_coefficient if element.is_tied else element.static
+    static = "" if given is None else f", static {_numbers(given, 0)}"
+    name = f"contact {element.contact}, coefficient" if element.is_tied else "force"
     belt = "" if _is_zero(element.velocity) else f", surface of velocity {_numbers(element.velocity, 0)}"
-    return f"of {_sum(element)}, force {_numbers(element.force, 0)}{static}{belt}"
+    return f"of {_sum(element)}, {name} {_numbers(element.slip, 0)}{static}{belt}"
 
 
 def _restitution(value: Any) -> str:

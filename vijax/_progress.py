@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from tqdm import TqdmWarning
 
-from ._jax.announcing import Work, announced_to, is_announced
+from ._jax.announcing import Stage, announced_to, is_announced
 from ._printing import words_of_kind
 
 with warnings.catch_warnings():
@@ -27,10 +27,10 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _SENTENCES = {
-    Work.COMPILES: "compiling for {kind}, once for this kind, kept for later",
-    Work.COMPILES_NOW: "compiling for {kind}, once for this kind in this process",
-    Work.TRACES: "tracing for {kind}, once in every process, and compiling what is not kept from before",
-    Work.WAITS: "waiting for another process that compiles for {kind}",
+    Stage.COMPILES: "compiling for {kind}, once for this kind, kept for later",
+    Stage.COMPILES_NOW: "compiling for {kind}, once for this kind in this process",
+    Stage.TRACES: "tracing for {kind}, once in every process, and compiling what is not kept from before",
+    Stage.WAITS: "waiting for another process that compiles for {kind}",
 }
 # Sentences that this process has printed.
 _said: set[str] = set()
@@ -48,7 +48,7 @@ def says_what_compiles(function: Callable[P, R]) -> Callable[P, R]:
         if is_announced():  # a part of another call
             return function(*args, **kwargs)
 
-        def tell(work: Work) -> None:
+        def tell(work: Stage) -> None:
             if kwargs.get("progress", has_bar or _is_somebody_there()):
                 _say(function.__name__, work, [*args, *kwargs.values()])
 
@@ -63,7 +63,7 @@ def _is_somebody_there() -> bool:
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
-def _say(name: str, work: Work, given: list[Any]) -> None:
+def _say(name: str, work: Stage, given: list[Any]) -> None:
     sentence = f"{name}: {_SENTENCES[work].format(kind=_kind_of(given))}"
     if sentence not in _said:
         _said.add(sentence)

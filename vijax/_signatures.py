@@ -5,7 +5,7 @@ Annotations stay as they are. `Numbers` alone would else be 130 characters, `vx.
 
 import inspect
 from types import FunctionType, NoneType, UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from jaxtyping import AbstractArray
 
@@ -61,6 +61,8 @@ def words_of(annotation: Any) -> str:
     if isinstance(annotation, type) and issubclass(annotation, AbstractArray):
         return f"{annotation.dtype.__name__}[{words_of(annotation.array_type)}, {annotation.dim_str!r}]"
     origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:  # what stands for a type at run time
+        return str(arguments[1])
     if origin in (Union, UnionType):
         return " | ".join(_without_parts([words_of(one) for one in arguments]))
     if not arguments:

@@ -62,8 +62,15 @@ def point():
         vx.periodic_orbit(system, end.x1, end.v1), FREQUENCY, (1.45, 2.1), progress=False
     )
     (point,) = branch.bifurcations
-    assert point.kind == "bp"
+    assert point.kind == "pitchfork"
     return point
+
+
+@pytest.fixture(scope="module")
+def asymmetric(point):
+    """The branch of the asymmetric orbits, through the point to the mirror images."""
+    (orbit,) = vx.switch_branch(point)
+    return vx.continuation(orbit, FREQUENCY, (1.45, 2.1), progress=False)
 
 
 @pytest.fixture(scope="module")
@@ -110,3 +117,56 @@ def test_where_the_symmetry_is_broken_branches_no_longer_cross(point):
     bounds = {FREQUENCY: (1.0, 2.5), "stops[0].position": (0.3, 0.7)}
     with pytest.raises(ValueError, match=r"a symmetry that `stops\[0\].position` breaks"):
         vx.bifurcation_curve(point, "stops[0].position", bounds, progress=False)
+
+
+@pytest.mark.slow
+def test_one_of_two_mirror_images_branches_off_and_leads_back(point, asymmetric):
+    assert len(point.orbit.symmetries()) == 1
+    (orbit,) = vx.switch_branch(point)
+    assert orbit.symmetries() == ()
+    other = orbit.mirrored()
+    away = abs(float(other.x0[0] - orbit.x0[0]))
+    assert 1e-5 < away < 1e-2
+    np.testing.assert_allclose(other.multipliers, orbit.multipliers, rtol=0, atol=1e-10)
+    (same,) = asymmetric.bifurcations
+    assert same.kind == "pitchfork"
+    assert same.value == pytest.approx(point.value, abs=1e-13)
+    assert asymmetric.ends == ("bounds", "bounds")
+    np.testing.assert_allclose(asymmetric.values[[0, -1]], 1.45, rtol=0, atol=1e-14)
+    first, last = asymmetric.orbit(0), asymmetric.orbit(-1)
+    np.testing.assert_allclose(first.mirrored().x0, last.x0, rtol=0, atol=1e-11)
+    (back,) = vx.switch_branch(same)
+    assert len(back.symmetries()) == 1
+    assert asymmetric.points.is_stable.values[asymmetric.points.bifurcation.values == ""].all()
+
+
+@pytest.mark.slow
+def test_the_normal_form_tells_how_far_the_images_are_and_that_they_are_stable(point, asymmetric):
+    form = point.normal_form
+    assert (form.criticality, form.side) == ("supercritical", "below")
+    assert point.criticality == asymmetric.bifurcations[0].criticality
+    assert np.isnan(form.amplitude(1e-3))
+    told = asymmetric.bifurcations[0].normal_form
+    assert told.coefficient == pytest.approx(form.coefficient, rel=1e-6)
+    assert told.rate == pytest.approx(form.rate, rel=1e-6)
+    errors, distances = [], []
+    for k in range(1, 5):
+        orbit = asymmetric.orbit(asymmetric.bifurcations[0].index + k)
+        distance, other = float(orbit.system.forcing.frequency) - point.value, orbit.mirrored()
+        half = np.array([(orbit.x0 - other.x0)[0], (orbit.v0 - other.v0)[0] / point.value]) / 2
+        errors.append(abs(np.linalg.norm(half) / form.amplitude(distance) - 1))
+        distances.append(-distance)
+    ratio = np.array(errors) / np.array(distances)
+    assert errors[0] < 1e-3
+    assert ratio.max() < 2 * ratio.min() + 5
+
+
+@pytest.mark.slow
+def test_runs_beside_the_point_settle_as_its_normal_form_says(point):
+    for side, num_symmetries in ((-2e-3, 0), (2e-3, 1)):
+        system = between_stops(1.0, point.value + side)
+        x, v = point.orbit.x0 + 1e-3, point.orbit.v0
+        end = vx.simulate(system, 0.0, 4000 * system.forcing.period, x, v, max_events=8, throw=False)
+        orbit = vx.periodic_orbit(system, end.x1, end.v1)
+        np.testing.assert_allclose(orbit.x0, end.x1, rtol=0, atol=1e-6)
+        assert len(orbit.symmetries()) == num_symmetries

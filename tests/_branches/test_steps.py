@@ -9,7 +9,7 @@ from vijax._branches import test_functions as tests
 from vijax._branches.admissibility import LeastMargins, Margins
 from vijax._branches.corrector import Corrected
 from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, corrected_cycle, padded
-from vijax._branches.parameter_family import ExtendedCycle
+from vijax._branches.parameter_family import ExtendedCycle, ParameterFamily
 from vijax._branches.point import BranchPoint, PlainPoint, TooManyEvents, stacked_cycles
 from vijax._branches.requests import KernelCall
 from vijax._branches.scheduler import _next_request
@@ -100,4 +100,4 @@ def test_a_branch_that_comes_to_too_many_events_is_told_so():
             yield KernelCall(corrected_cycle, sequence_of(rng, 3), (str(why),))
 
     rng = np.random.default_rng(0)
-    assert _next_request(task(), None).arguments == ("max_events",)
+    assert _next_request(object.__new__(ParameterFamily), task(), None).arguments == ("max_events",)

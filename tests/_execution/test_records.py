@@ -78,7 +78,7 @@ def test_marks_come_back_with_a_column_for_each_mass_and_stop(num_stops, has_gro
     room = mark_rows(4, 2, num_stops, np.float64, has_growth=has_growth)
     found = written_rows(way(room, jnp.array([False, True, True]), mark))
     np.testing.assert_array_equal(found.point, [1, 2])
-    np.testing.assert_array_equal(found.period, [LARGE, LARGE])
+    np.testing.assert_array_equal(found.mark, [LARGE, LARGE])
     np.testing.assert_array_equal(found.x, [[1, 4], [2, 5]])
     np.testing.assert_array_equal(found.v, -found.x)
     np.testing.assert_array_equal(found.held_time, np.ones((2, num_stops)))

@@ -381,8 +381,8 @@ def test_a_symmetric_orbit_loses_its_symmetry_at_a_branch_point():
     end = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=8192)
     orbit = vx.periodic_orbit(system, end.x1, end.v1)
     branch = vx.continuation(orbit, "forcing.frequency", (1.22, 1.28), progress=False)
-    (point,) = (point for point in branch.bifurcations if point.kind == "bp")
-    assert len(branch.bifurcations) == 1
+    (point,) = branch.bifurcations
+    assert point.kind == "pitchfork"
     names, off = lambda s: s.forcing.frequency, np.array([-8, -6, -4, 4, 6, 8]) * 1e-4
     surplus = []
     for w in point.value + off:

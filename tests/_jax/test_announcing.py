@@ -8,7 +8,7 @@ import pytest
 
 import vijax as vx
 from vijax import _progress
-from vijax._jax.announcing import Work, announce, is_announced
+from vijax._jax.announcing import Stage, announce, is_announced
 from vijax._printing import words_of_kind
 from vijax._progress import says_what_compiles
 
@@ -53,13 +53,13 @@ def said(monkeypatch) -> list[str]:
 
 
 def with_bar(thing, *, progress=True):
-    announce(Work.COMPILES)
-    announce(Work.COMPILES)
+    announce(Stage.COMPILES)
+    announce(Stage.COMPILES)
     return thing
 
 
 def without_bar(thing):
-    announce(Work.TRACES)
+    announce(Stage.TRACES)
 
 
 def test_a_sentence_is_printed_once_for_each_call_and_kind(said):

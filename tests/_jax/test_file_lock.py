@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from vijax._jax import program_store
-from vijax._jax.announcing import Work, announced_to
+from vijax._jax.announcing import Stage, announced_to
 from vijax._jax.file_lock import locked
 from vijax._jax.program_store import ProgramStore
 from vijax._jax.programs import Programs
@@ -73,7 +73,7 @@ def test_threads_that_need_a_program_at_once_compile_it_once(tmp_path, monkeypat
     program_store.store_programs(tmp_path)
     saved, save = [], ProgramStore.save
     monkeypatch.setattr(ProgramStore, "save", lambda self, key, *a: (saved.append(key), save(self, key, *a)))
-    works: list[Work] = []
+    works: list[Stage] = []
 
     def twice(x):
         time.sleep(0.1)  # while it is traced
@@ -86,5 +86,5 @@ def test_threads_that_need_a_program_at_once_compile_it_once(tmp_path, monkeypat
         for found in threads.map(call, range(4)):
             np.testing.assert_array_equal(found, [1, 3, 5])
     assert len(saved) == 1
-    assert works.count(Work.COMPILES if name else Work.TRACES) == (1 if name else 4)
+    assert works.count(Stage.COMPILES if name else Stage.TRACES) == (1 if name else 4)
     assert not list(tmp_path.glob("*.lock"))

@@ -1,11 +1,13 @@
 """Compiled programs are found by later processes, never for another machine, and no damage to the folder is seen."""
 
 import functools
+import gc
 import hashlib
 import os
 import pickle
 import subprocess
 import sys
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -257,6 +259,17 @@ def test_programs_that_were_dropped_are_made_again(tmp_path, monkeypatch):
     double.drop()
     assert double.count() == 0
     np.testing.assert_array_equal(double(np.ones(2)), [2, 2])
+
+
+def test_prepared_calls_keep_no_program_that_is_dropped(tmp_path, monkeypatch):
+    double = programs_in(tmp_path, monkeypatch, lambda x: 2 * x)
+    call, ones = double.prepared(np.ones(2)), [np.ones(2)]
+    call(ones)
+    (run,) = (weakref.ref(run) for run, _ in double._made.values())
+    double.drop()
+    gc.collect()
+    assert run() is None
+    np.testing.assert_array_equal(call(ones), [2, 2])
 
 
 def test_a_folder_in_which_all_can_write_is_not_used(tmp_path, monkeypatch, caplog):

@@ -14,6 +14,7 @@ FREQUENCY = "forcing.frequency"
 OF_MASSES = (
     *("max_position", "min_position", "peak_to_peak", "max_velocity", "min_velocity"),
     *("rms_position", "rms_velocity"),
+    *("max_acceleration", "min_acceleration", "rms_acceleration", "max_absolute_acceleration"),
 )
 ALL = [*OF_MASSES, "max_force"]
 TRANSIENT, RECORD = 3, 4
@@ -42,7 +43,8 @@ def test_a_harmonic_response_has_its_amplitude_as_extremes_and_its_root_half_as_
     ds = sweep(system, {FREQUENCY: w}, transient=120)
     a = 1 / np.sqrt((1 - w**2) ** 2 + (0.1 * w) ** 2)
     rms = np.sqrt(0.25**2 + a**2 / 2)
-    known = (0.25 + a, 0.25 - a, 2 * a, w * a, -w * a, rms, w * a / np.sqrt(2))
+    b = w * w * a
+    known = (0.25 + a, 0.25 - a, 2 * a, w * a, -w * a, rms, w * a / np.sqrt(2), b, -b, b / np.sqrt(2), b)
     for name, expected in zip(OF_MASSES, known, strict=True):
         assert ds[name].dims == (FREQUENCY, "mass")
         # The transient has decayed by exp(-0.05 * 120 * 2 pi / 1.5), 1e-11.
@@ -53,13 +55,62 @@ def test_a_harmonic_response_has_its_amplitude_as_extremes_and_its_root_half_as_
         np.testing.assert_allclose(settled[name][:, 0], expected, rtol=EXACT, err_msg=name)
 
 
+def test_absolute_accelerations_are_those_of_the_transmission_of_the_base():
+    """Den Hartog: the mass moves in space by a sqrt((k^2 + (c W)^2) / ((k - m W^2)^2 + (c W)^2)) of the base's a."""
+    w, a, c, k, m = np.linspace(0.5, 1.5, 5), 0.3, 0.2, 1.0, 2.0
+    names, values = ["max_acceleration", "max_absolute_acceleration"], {"forcing.frequency": w}
+    gain = np.sqrt((k**2 + (c * w) ** 2) / ((k - m * w**2) ** 2 + (c * w) ** 2))
+    relative = m * w**2 / np.sqrt((k - m * w**2) ** 2 + (c * w) ** 2)
+    load = vx.base_excitation([m], amplitude=a, frequency=1.0, mean=[0.7])
+    both = load + vx.Harmonic([0.0], 0.0, mean=[0.1])
+    for one in (load, both):
+        system = vx.ImpactSystem([m], [[c]], [[k]], one)
+        ds = sweep(system, values, names, transient=200)
+        # The sweep keeps the acceleration of the base, a.
+        np.testing.assert_allclose(ds.max_absolute_acceleration[:, 0], a * gain, rtol=1e-10)
+        np.testing.assert_allclose(ds.max_acceleration[:, 0], a * relative, rtol=1e-10)
+
+
+def test_absolute_accelerations_on_a_shaken_base_are_spring_and_damper_forces_by_the_mass():
+    """Of a record, a wave form and a load on the mass: x'' + y'' = (f - c v - k x) / m, for a full mass matrix too."""
+    times = np.linspace(0.0, 9.0, 40)
+    record = vx.Tabulated(times, np.cumsum(np.random.default_rng(2).normal(size=40)) * 0.3)
+    wave = vx.Waveform([0.0, 2.0], [0.4, -0.4], 1.3, kind="previous")
+    pull = vx.Harmonic([0.2, 0.0], 0.9)
+    base = sum(vx.base_excitation([1.0, 2.0], acceleration=one) for one in (record, wave))
+    stops = [vx.Stop(0, 0.3, "upper", 0.7)]
+    c, k = 0.1 * np.eye(2), np.array([[2.0, -1.0], [-1.0, 1.5]])
+    for mass in ([1.0, 2.0], np.diag([1.0, 2.0])):
+        system = vx.ImpactSystem(mass, c, k, base + pull, stops)
+        values = {"stops[0].position": [0.3]}
+        ds = vx.sweep(system, values, duration=9.0, quantities=["max_absolute_acceleration"], progress=False)
+        sol = vx.simulate(system, 0.0, 9.0)
+        t = np.unique(np.concatenate([np.linspace(0.0, 9.0, 40_001), np.nextafter(times[1:], 0.0)]))
+        x, v = map(np.asarray, sol.evaluate(t))
+        forces = np.outer(np.cos(0.9 * t), [0.2, 0.0]) - v @ c - x @ k
+        largest = np.abs(forces / [1.0, 2.0]).max(axis=0)
+        assert int(sol.num_events) > 1
+        assert (ds.max_absolute_acceleration[0] >= largest - 1e-13).all()
+        np.testing.assert_allclose(ds.max_absolute_acceleration[0], largest, rtol=3e-4)
+
+
 def test_an_elastic_ball_has_the_extremes_and_means_of_its_parabolas():
     """One flight a period: height h, speeds up to u = g T / 2; the squares of x and v have the means 8 h^2 / 15, u^2 / 3."""
     height, gravity = 0.8, 9.81
     u = np.sqrt(2 * gravity * height)
     system = vx.models.bouncing_ball(1.0, gravity=gravity, frequency=2 * np.pi * gravity / (2 * u))
     ds = sweep(system, {"x0[0]": [height]}, transient=0, record=3)
-    known = (height, 0.0, height, u, -u, height * np.sqrt(8 / 15), u / np.sqrt(3))
+    known = (
+        height,
+        0.0,
+        height,
+        u,
+        -u,
+        height * np.sqrt(8 / 15),
+        u / np.sqrt(3),
+        *[-gravity] * 2,
+        *[gravity] * 2,
+    )
     found = [float(ds[name][0, 0]) for name in OF_MASSES]
     np.testing.assert_allclose(found, known, rtol=EXACT, atol=EXACT)
     assert float(ds.max_force[0, 0]) == 0
@@ -119,7 +170,10 @@ class Run:
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
         x, v = map(np.asarray, self.sol.evaluate(times))
-        return {"position": x, "velocity": v, "force": np.asarray(self.sol.contact_force(times))}
+        forces, accelerations = (
+            np.asarray(f(times)) for f in (self.sol.contact_force, self.sol.acceleration)
+        )
+        return {"position": x, "velocity": v, "force": forces, "acceleration": accelerations}
 
     def largest(self, signal: str, sign: int) -> np.ndarray:
         grid = np.concatenate([np.linspace(a, b, SAMPLES) for a, b in self.flights])
@@ -161,8 +215,14 @@ def test_quantities_are_those_of_single_runs_searched_by_brute_force(name):
         "min_velocity": run.largest("velocity", -1),
         "rms_position": run.rms("position"),
         "rms_velocity": run.rms("velocity"),
+        "max_acceleration": run.largest("acceleration", 1),
+        "min_acceleration": run.largest("acceleration", -1),
+        "rms_acceleration": run.rms("acceleration"),
         "max_force": run.largest("force", 1),
     }
+    if not system.forcing.from_base:
+        size = np.maximum(known["max_acceleration"], -known["min_acceleration"])
+        np.testing.assert_allclose(ds.max_absolute_acceleration[0], size, rtol=0, atol=tolerance)
     for one, expected in known.items():
         np.testing.assert_allclose(ds[one][0], expected, rtol=0, atol=tolerance, err_msg=one)
     if name in ("two masses that stick", "a compliant stop"):

@@ -62,6 +62,28 @@ def test_a_long_run_stays_on_the_circle_and_has_its_rotation_number(system, toru
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.5, 1.4])
+def test_small_circles_grow_and_shrink_as_the_normal_form_says(system, branch, factor):
+    """|xi| -> |xi| (1 + rate d + coefficient |xi|^2), a Bernoulli equation. Wider circles reach impacts that graze."""
+    (point,) = (a for a in branch.bifurcations if a.kind == "ns")
+    form, away, num = point.normal_form, -5e-6, 8000
+    assert (form.criticality, form.side) == ("supercritical", "below")
+    frequency = point.value + away
+    machine = eqx.tree_at(lambda s: s.forcing.frequency, system, jnp.asarray(frequency))
+    orbit, kick = point.orbit, 2 * factor * form.amplitude(away) * form.direction.real
+    ts = float(orbit.phase) / frequency + 2 * np.pi / frequency * np.arange(num)
+    start = orbit.x0 + kick[:2], orbit.v0 + kick[2:]
+    sol = vx.simulate(machine, ts[0], ts[-1], *start, ts=ts, max_events=0, throw=False)
+    first, last = (np.var(part) for part in (sol.xs[:400, 0], sol.xs[-400:, 0]))
+    shrunk = np.exp(-2 * form.rate * away * (num - 400))
+    told = 1 / (1 + (1 / factor**2 - 1) * shrunk)
+    assert last / first == pytest.approx(told / factor**2, rel=0.02)
+    assert np.sqrt(2 * first) == pytest.approx(
+        2 * factor * form.amplitude(away) * abs(form.direction[0]), rel=0.03
+    )
+
+
+@pytest.mark.slow
 def test_the_family_begins_at_the_bifurcation_and_ends_at_the_bound(branch, torus):
     (point,) = (a for a in branch.bifurcations if a.kind == "ns")
     multipliers = np.asarray(point.orbit.multipliers)

@@ -46,8 +46,8 @@ def test_calls_that_find_nothing_take_no_memory(monkeypatch):
     """Ten million periods took 500 MB, as every one of thousands of calls kept its empty arrays with their padding."""
     kept, original = [], chunked._joined
     monkeypatch.setattr(chunked, "_joined", lambda *given: kept.append(given[2]) or original(*given))
-    calls, one = [], chunked.call
-    monkeypatch.setattr(chunked, "call", lambda *given: calls.append(1) or one(*given))
+    calls, one = [], chunked.KnownMachine.follow
+    monkeypatch.setattr(chunked.KnownMachine, "follow", lambda *given: calls.append(1) or one(*given))
     run(10_000, 4)
     assert len(calls) > 4
     assert len(kept[0]) == 2  # the first, and that with the saved states

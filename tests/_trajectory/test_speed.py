@@ -33,12 +33,12 @@ def compiled() -> str:
     flow = choose_flow(points.system, can_stick=True)
     start = np.zeros((2, POINTS))
     given = lane_queue.Points(numbers_of(points.system), flow, start, start)
-    layout, packed = pack(given, np.arange(POINTS), all_own=True)
+    layout, packed = pack(given, np.arange(POINTS), repeated=True)
     program = lane_queue.LaneProgram(layout, can_stick=True)
     counts = np.array([POINTS, POINTS, 1, 2, 1000, 16, 1000])
     with jax.numpy_rank_promotion("allow"):
         queue = lane_queue.new_queue(program, POINTS, LANES, DEFAULT_SETTINGS)
-        return lane_queue.lane_programs.compiled(program, packed, counts, queue).as_text()
+        return lane_queue.lane_programs.compiled(program, packed, counts, None, queue).as_text()
 
 
 def test_no_library_sine_is_computed_in_the_loop(compiled):

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from drawings import PATH, SEEN, both_ways, branch_of, grey, named, points, words_of_legend
 from exact_orbits import Table
-from matplotlib.colors import same_color
+from matplotlib.colors import same_color, to_hex, to_rgb
 
 import vijax as vx
 
@@ -159,6 +159,7 @@ def test_each_kind_of_bifurcation_has_its_mark_on_every_line():
         "pd": "period doubling",
         "ns": "Neimark-Sacker",
         "bp": "branch point",
+        "pitchfork": "pitchfork",
         "gr": "grazing",
         "double_impact": "double impact",
         "force_zero": "force zero",
@@ -295,3 +296,35 @@ def test_the_lines_of_a_branch_go_through_the_impacts_of_its_orbits():
         log = made.orbit(k).events
         (velocity,) = np.asarray(log.velocity_minus)[np.asarray((log.kind == vx.IMPACT) & (log.stop == 1))]
         np.testing.assert_allclose(line[k], (made.values[k], velocity), rtol=ROUNDING)
+
+
+def test_a_branch_on_another_says_so_and_colours_differ_from_all_that_is_there(swept):
+    moved = [[(t, j, 1.3 * v) for t, j, v in cycle] for cycle in QUIET]
+    several = {"first": branch_of(QUIET), "twin": branch_of(QUIET), "other": branch_of(moved)}
+    ax = vx.plot.bifurcation(both_ways(swept), 1)
+    taken = {to_hex(line.get_color()) for line in ax.lines}
+    vx.plot.branch(several, stop=1, ax=ax)
+    assert words_of_legend(ax)[2:5] == ["first", "twin (on first)", "other"]
+    drawn = [to_hex(named(ax, words)[0].get_color()) for words in words_of_legend(ax)[2:5]]
+    assert len({*drawn, *taken}) == len(drawn) + len(taken)
+
+
+def test_sweeps_under_branches_are_grey(swept):
+    ax = vx.plot.branch({"first": branch_of(QUIET), "second": branch_of(QUIET)}, both_ways(swept), 1)
+    red, green, blue = np.array(
+        [to_rgb(named(ax, f"swept {way}")[0].get_color()) for way in ("down", "up")]
+    ).T
+    np.testing.assert_array_equal(red, green)
+    np.testing.assert_array_equal(green, blue)
+    assert len(set(red)) == 2
+
+
+def test_markers_at_the_limits_are_whole():
+    ax = vx.plot.branch(branch_of(QUIET, ["fold", "", ""]), stop=0)
+    (marks,) = (line for line in named(ax, "fold") if len(line.get_xdata()))
+    ax.figure.draw_without_rendering()
+    box, frame = marks.get_clip_box(), ax.bbox
+    assert box.x0 < frame.x0 - marks.get_markersize()
+    assert box.x1 > frame.x1 + marks.get_markersize()
+    ax.set_xlim(-5, 5)
+    assert marks.get_clip_box().x0 == box.x0

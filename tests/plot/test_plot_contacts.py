@@ -180,6 +180,27 @@ def test_relative_motion_follows_a_contact_that_moves(breathing):
     np.testing.assert_allclose(where, HALF + 0.1 * np.cos(0.8 * when), rtol=0, atol=10 * ROUNDING)
 
 
+def test_relative_motion_shows_both_ends_of_a_container(sol):
+    """Along the row of the first: the other end stands at minus its own position."""
+    ax = vx.plot.relative_motion(sol, [1, 0], num_samples=SAMPLES)
+    line, *_ = ax.lines
+    np.testing.assert_array_equal(
+        line.get_ydata(), vx.plot.relative_motion(sol, 1, num_samples=SAMPLES).lines[0].get_ydata()
+    )
+    for number, place in ((1, HALF), (0, -HALF)):
+        np.testing.assert_array_equal(named(ax, f"contact {number}")[0].get_ydata(), place)
+        marks = [
+            one
+            for one in ax.lines
+            if one.get_marker() == "o" and (np.asarray(one.get_ydata()) == place).all()
+        ]
+        assert [one.get_xdata().tolist() for one in marks] == [events(sol, vx.IMPACT, number).tolist()]
+    with pytest.raises(ValueError, match=r"must name limits of one distance, but 0 limits .* and 2"):
+        vx.plot.relative_motion(sol, [0, 2])
+    with pytest.raises(ValueError, match="`contact` is empty"):
+        vx.plot.relative_motion(sol, [])
+
+
 def test_relative_motion_refuses_a_contact_that_is_not_there(sol):
     with pytest.raises(ValueError, match="Argument `contact` must lie in 0 to 2, but is 3"):
         vx.plot.relative_motion(sol, 3)

@@ -1,5 +1,9 @@
 """Common properties of all pictures: given units, colours of the style, user-defined looks, several datasets."""
 
+import json
+import subprocess
+import sys
+
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -230,3 +234,41 @@ def test_a_cross_is_drawn_where_a_disc_has_no_edge(picture):
     assert draw(drawn).lines[0].get_markeredgewidth() == 0
     assert draw(drawn, marker="x").lines[0].get_markeredgewidth() > 0
     assert draw(drawn, marker="x", mew=3.0).lines[0].get_markeredgewidth() == 3.0
+
+
+# Calls with what the picture does not take, and words of the sentence that says so.
+MISTAKEN = {
+    "time_series": ("ds", "one trajectory, what `vx.simulate` returned"),
+    "phase_portrait": ("ds", "one trajectory"),
+    "section": ("system", "one trajectory"),
+    "impact_map": ("system", "several by their names in a dict"),
+    "bifurcation": ("sol", "`ds` must be what `vx.sweep` returned"),
+    "lyapunov": ("sol", "`ds` must be what `vx.sweep` returned"),
+    "branch": ("ds", "`branches` must be what `vx.continuation` returned"),
+    "multipliers": ("sol", "`orbits` must be a periodic orbit"),
+    "curves": ("sol", "`curves` must be a dataset"),
+    "regions": ("sol", "`classes` must be a dataset"),
+    "basins": ("sol", "`basins` must be a dataset"),
+    "shares": ("sol", "`followed` must be a dataset"),
+    "erosion": ("sol", "`followed` must be a dataset"),
+    "machine": ("sol", "`system` must be a machine"),
+}
+
+
+@pytest.mark.thorough
+def test_a_picture_of_something_else_is_refused_in_a_sentence():
+    """In a process where annotations are not checked, as in the programs of users."""
+    program = (
+        "import json, sys, xarray as xr, vijax as vx\n"
+        "given = {'ds': xr.Dataset({'x': 1.0}), 'sol': 3.0, 'system': vx.models.wagg_bishop_a(0.8)}\n"
+        "for name, (kind, words) in json.loads(sys.argv[1]).items():\n"
+        "    try:\n"
+        "        getattr(vx.plot, name)(given[kind])\n"
+        "    except ValueError as error:\n"
+        "        assert words in str(error), (name, error)\n"
+        "    else:\n"
+        "        raise AssertionError(name)\n"
+    )
+    command = [sys.executable, "-c", program, json.dumps(MISTAKEN)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

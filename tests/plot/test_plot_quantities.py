@@ -10,9 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from drawings import PATH, branch_of, words_of_legend
+from drawings import PATH, branch_of, named, points, words_of_legend
 
 import vijax as vx
+from vijax.plot._labels import axis_label
 
 VALUES = [0.7, 0.8]
 
@@ -86,6 +87,15 @@ def test_a_branch_shows_a_quantity_with_gaps_where_it_is_not_known():
     assert own.get_ylabel() == "Energy"
 
 
+def test_a_bifurcation_at_which_a_quantity_is_not_known_is_marked_at_the_end_of_its_line():
+    branch = branch_of([[(0.2, 1, 0.5)]] * 6, ["gr", "", "fold", "", "", "gr"])
+    branch.points["energy"] = ("point", [np.nan, 5.0, np.nan, 6.0, 7.0, np.nan])
+    ax = vx.plot.branch(branch, ordinate="energy")
+    values = branch.values
+    assert points(*named(ax, "grazing")) == {(values[0], 5.0), (values[5], 7.0)}
+    assert points(*named(ax, "fold")) == {(values[2], 5.0)}
+
+
 @pytest.mark.slow
 def test_many_branches_are_named_by_their_motions():
     once, twice = ([[(0.2, 1, 0.5)]] * 3, [[(0.2, 1, 0.5), (0.6, 0, 0.3)]] * 3)
@@ -118,3 +128,20 @@ def test_an_empty_diagram_is_explained():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         vx.plot.bifurcation(ds, ordinate="section_position")
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("friction[0].force", "Friction force of element 0 (N)"),
+        ("friction[*].force", "Friction force of elements (N)"),
+        ("stops[1].stiffness", "Stiffness of stop 1 (N/m)"),
+        ("stops[0].position", "Clearance of contact 0 $s_{0}$ (m)"),
+        ("stops[1].position", "Stop position $s_{1}$ (m)"),
+        ("stops[*].position", "Stop position $s$ (m)"),
+        ("stops[1].restitution", "Restitution $r_{1}$"),
+    ],
+)
+def test_axes_name_swept_quantities_in_words(path, words):
+    ds = xr.Dataset(coords={"stop_mass": ("stop", [-1, 0])})
+    assert axis_label(path, {"length": "m", "force": "N", "time": "s"}, ds) == words

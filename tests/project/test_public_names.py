@@ -28,8 +28,8 @@ def in_a_new_process(program: str, **where) -> str:
 PUBLIC = {
     "vijax": """
         Bifurcation Branch CLOSE CompliantContact CompliantStop Contact DiffraxFlow EventLog
-        ExecutionSettings Friction Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
-        SimulationError Solution StickingRegion Stop TaylorFlow attractors base_excitation basins
+        ExecutionSettings Friction GrazingForm Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow NormalForm ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
+        SimulationError Solution StickingRegion Stop Symmetry TaylorFlow attractors base_excitation basins
         bifurcation_curve bifurcation_value branches chain chart classify combine continuation critical_shock
         edge_state ensemble explore find_periodic_orbits follow_attractors follow_torus homoclinic_tangencies impact_configurations impact_map impacts integrity
         keep_compiled load lyapunov_exponents manifolds modal_restitution_matrix models monodromy_matrix
@@ -44,10 +44,10 @@ PUBLIC = {
     """,
     "vijax.models": """
         CubicSpring FrictionLoss PendulumWeight ball_between_walls ball_on_table bead_column bouncing_ball
-        cantilever capsule_robot duffing_oscillator friction_damped_pair friction_oscillator gear_pair
-        impact_damper impact_oscillator impact_pair impacting_pendulum multi_piston percussive_drill
-        soft_impact_oscillator two_sided_oscillator uniform_chain vibro_impact_harvester wagg_bishop_a
-        wagg_bishop_b
+        cantilever capsule_robot drop_hammer duffing_oscillator friction_damped_pair friction_oscillator gear_mesh
+        gear_pair impact_damper impact_oscillator impact_pair impacting_pendulum multi_piston percussive_drill
+        pounding_buildings shaken_oscillator soft_impact_oscillator two_sided_oscillator unbalanced_rotor
+        uniform_chain vibro_impact_harvester wagg_bishop_a wagg_bishop_b woodpecker
     """,
 }
 PARTS = pytest.mark.parametrize("part", [vx, vx.plot, vx.models], ids=lambda part: part.__name__)

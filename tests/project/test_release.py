@@ -1,5 +1,6 @@
-"""Release data that are written twice agree: versions, and bounds of dependencies."""
+"""Release data that are written twice agree: versions, bounds of dependencies, data of the archive."""
 
+import json
 import re
 import tomllib
 
@@ -30,3 +31,41 @@ def test_the_conda_recipe_asks_for_what_the_project_asks_for():
 def test_the_conda_recipe_has_the_same_commands():
     entry_points = re.findall(r"^      - (\S+) = (\S+)$", RECIPE, re.M)
     assert dict(entry_points) == PROJECT["scripts"]
+
+
+def test_the_archive_says_what_the_citation_says():
+    """Zenodo takes `.zenodo.json`, GitHub `CITATION.cff`."""
+    archive, citation = json.loads((ROOT / ".zenodo.json").read_text()), (ROOT / "CITATION.cff").read_text()
+    fields = {
+        name: re.search(rf"^{name}: (.*)$", citation, re.M)[1].strip('"') for name in ("title", "license")
+    }
+    assert fields == {name: archive[name] for name in fields}
+    assert re.search(r"^keywords: \[(.*)\]$", citation, re.M)[1].split(", ") == archive["keywords"]
+    assert (
+        " ".join(re.search(r"^abstract: >-\n((?:  .*\n)+)", citation, re.M)[1].split())
+        == archive["description"]
+    )
+    assert [one["name"] for one in archive["creators"]] == re.findall(r"^  - name: (.*)$", citation, re.M)
+    assert [one["identifier"] for one in archive["related_identifiers"]] == re.findall(
+        r"doi: (.*)$", citation, re.M
+    )
+    assert archive["license"] == PROJECT["license"]
+
+
+def test_the_paper_has_the_sections_and_the_length_that_the_journal_asks_for():
+    """Of the Journal of Open Source Software: 750 to 1750 words, without references."""
+    text = (ROOT / "paper.md").read_text().split("---\n", 2)[2]
+    sections = re.findall(r"^# (.*)$", text, re.M)
+    assert sections[:5] == [
+        "Summary",
+        "Statement of need",
+        "State of the field",
+        "Software design",
+        "Research impact statement",
+    ]
+    assert 750 <= len(text.split()) <= 1750
+    cited, known = (
+        set(re.findall(r"@(\w+)", text)),
+        set(re.findall(r"@\w+\{(\w+),", (ROOT / "paper.bib").read_text())),
+    )
+    assert cited <= known

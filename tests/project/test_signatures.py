@@ -9,7 +9,7 @@ import vijax as vx
 
 # Half a screen: 12 lines of 80 columns.
 SCREEN = 80 * 12
-SIGNATURE_OF_FRICTION = "(row: Mapping[int, ArrayLike] | Any, force: ArrayLike, static: ArrayLike | None = None, velocity: ArrayLike = 0.0)"
+SIGNATURE_OF_FRICTION = "(row: Mapping[int, ArrayLike] | int, force: ArrayLike | None = None, static: ArrayLike | None = None, velocity: ArrayLike = 0.0, *, coefficient: ArrayLike | None = None, static_coefficient: ArrayLike | None = None, contact: int | None = None)"
 
 
 def public(is_wanted) -> dict[str, object]:
@@ -54,5 +54,65 @@ def test_a_signature_says_numbers_and_keeps_defaults_and_annotations():
     assert "settings: ExecutionSettings = ExecutionSettings()" in text
     assert repr(vx.ExecutionSettings(cores=2)) == "ExecutionSettings(cores=2)"
     assert inspect.signature(vx.sweep).parameters["transient"].default == 100
+    assert "transient: int = 100" in text
     assert "system: ImpactSystem | Family" in text
     assert vx.ImpactSystem in get_args(get_type_hints(vx.simulate)["system"])
+
+
+# Arguments of one name that are not alike in all functions, and why.
+DIFFERENT = {
+    "ax": "one panel, several, or one to draw over",
+    "bounds": "the ends of a parameter, of two, of states, or of a plane",
+    "curves": "of bifurcations, or the manifolds of a saddle",
+    "direction": "of a crossing, or of a shock",
+    "duration": "of a film, or of a whole motion",
+    "ds": "one dataset, or several by their names",
+    "file": "to write a machine, or optionally a film",
+    "force": "added to a machine, or given back to one that was read",
+    "mass": "masses of a machine, or the index of one",
+    "masses": "of a machine, or those that touch",
+    "max_events": "in a run that may be of any length, or in one cycle",
+    "max_points": "of a branch, of many, of a torus, or of a curve in the plane",
+    "num_periods": "of an orbit, or averaged over",
+    "num_samples": "of a whole motion, or of the intervals in which a mass sticks",
+    "orbit": "one, or many at once",
+    "orbits": "to draw, or to draw over something else",
+    "phase": "of a load by mass, or of a section",
+    "quantities": "of cycles, which may be functions, or of many runs",
+    "samples": "of machines, or of shocks",
+    "sol": "a trajectory, or an orbit in its place",
+    "starts": "of one machine, of a chart or of a search",
+    "stop": "the index of a stop, or a condition that ends a branch",
+    "system": "a machine or a family, or the machine alone whose matrices are changed",
+    "t": "an instant, or the frames of a film",
+    "t1": "the end of a run, or a bound of a search",
+    "tolerance": "of a return, or of a bisection or a curve",
+    "v0": "a start, a guess, or one for all points",
+    "values": "swept by name, followed along, or drawn",
+    "x": "a state, or the pose of a drawing",
+    "x0": "as `v0`",
+    "xlim": "of axes, or of the part to enlarge",
+}
+
+
+def test_an_argument_of_one_name_has_one_type_default_and_manner_of_call():
+    """Over all public functions but the models, which name physical quantities; those that differ have a reason."""
+    manners: dict[str, dict[tuple, list[str]]] = {}
+    for part in (vx, vx.plot):
+        for name in dir(part):
+            function = getattr(part, name)
+            if inspect.isfunction(function):
+                for one in inspect.signature(function).parameters.values():
+                    is_named = one.kind is inspect.Parameter.KEYWORD_ONLY
+                    manner = (is_named, str(one.annotation), repr(one.default))
+                    manners.setdefault(one.name, {}).setdefault(manner, []).append(name)
+    assert {name: found for name, found in manners.items() if len(found) > 1 and name not in DIFFERENT} == {}
+    assert [name for name in DIFFERENT if len(manners[name]) == 1] == []
+
+
+@pytest.mark.parametrize("name", ["legend", "progress", "record", "rng", "settings", "transient", "units"])
+def test_options_are_given_by_name(name):
+    for part in (vx, vx.plot):
+        for function in (getattr(part, one) for one in dir(part)):
+            if inspect.isfunction(function) and name in inspect.signature(function).parameters:
+                assert inspect.signature(function).parameters[name].kind is inspect.Parameter.KEYWORD_ONLY

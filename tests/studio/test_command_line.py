@@ -11,6 +11,7 @@ import xarray as xr
 
 import vijax as vx
 from vijax._jax import program_store
+from vijax._trajectory import one_call
 from vijax.studio.command_line.main import main
 from vijax.studio.command_line.values import swept_values
 
@@ -255,6 +256,7 @@ def test_precompile_makes_programs_and_tells_what_it_cannot(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(program_store, "_active", program_store._Active())
     program_store.store_programs(tmp_path / "programs")
+    one_call.call.drop()  # which other tests may have made
     vx.save(vx.models.impact_oscillator(0.8), "machine.toml")
     assert main(["precompile", "machine.toml", "simulate"]) == 0
     assert capsys.readouterr().out == "simulate: done\n"

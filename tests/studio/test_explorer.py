@@ -15,6 +15,7 @@ import matplotlib
 import numpy as np
 import pytest
 import xarray as xr
+from drawings import branch_of, points
 from helpers import counted
 
 import vijax as vx
@@ -276,3 +277,28 @@ def test_a_single_one_of_many_points_is_drawn_as_nine_pixels():
     rows, columns = np.nonzero(opacity)
     middle = opacity.shape[0] // 2
     assert ((abs(rows - middle) < 5) & (abs(columns - middle) < 5)).sum() == 9
+
+
+def test_bifurcations_and_labels_of_the_diagram_are_those_of_matplotlib(sweep):
+    pytest.importorskip("panel")
+    from vijax.plot._branch import marks_of_branch
+    from vijax.studio.explorer.diagram import Ordinates, branch_marks, plain_label, sign_of
+    from vijax.studio.explorer.look import LIGHT
+    from vijax.studio.explorer.widgets import legend_of_points
+
+    cycles = [[(0.2, 0, speed), (0.7, 1, 0.5)] for speed in (0.4, 0.2, 0.1)]
+    branch = branch_of(cycles, ["pd", "", "fold"])
+    ax = vx.plot.branch(branch, stop=0)
+    marks = marks_of_branch(branch, 0, "velocity")
+    for kind, words in (("pd", "period doubling"), ("fold", "fold")):
+        (drawn,) = (line for line in ax.lines if line.get_label() == words)
+        assert set(marks[kind]) == points(drawn)
+    assert [one.data.to_numpy().tolist() for one in branch_marks(marks, LIGHT)] == [
+        [list(place) for place in places] for places in marks.values()
+    ]
+    assert f"{sign_of('pd')} period doubling" in legend_of_points(
+        LIGHT, False, True, {"period doubling": sign_of("pd")}
+    )
+    assert Ordinates("velocity", 1, 0).label(sweep) == "Velocity v⁻ before impact at stop 1"
+    assert Ordinates("section_position", 0, 1).label(sweep) == "Position x₁ at the end of each period"
+    assert plain_label("forcing.amplitude[0]") == "Forcing amplitude A₀"

@@ -346,6 +346,79 @@ def test_a_loose_mass_is_drawn_in_its_container(number):
     assert line.get_xdata()[0] == pytest.approx(outside.get_x() + outside.get_width())
 
 
+def cavity_with(ends: list, friction: list) -> vx.ImpactSystem:
+    """Mass 1 between two ends of mass 0."""
+    held = np.diag([1.0, 0.0])
+    return vx.ImpactSystem([1.0, 0.2], 0 * held, held, vx.Harmonic([1.0, 0.0], 1.0), ends, friction=friction)
+
+
+def rigid_ends() -> list:
+    rows = {1: 1.0, 0: -1.0}, {0: 1.0, 1: -1.0}
+    return [vx.Contact(row, 0.5, 0.6) for row in rows]
+
+
+def height_of(patch: Rectangle) -> tuple[float, float]:
+    return patch.get_y(), patch.get_y() + patch.get_height()
+
+
+def test_a_loose_mass_that_rubs_on_its_container_lies_on_a_pad_in_it():
+    rubbing = [vx.Friction({1: -1.0, 0: 1.0}, force=0.1), vx.Friction(0, force=0.3)]
+    system, x = cavity_with(rigid_ends(), rubbing), np.array([0.1, -0.2])
+    ax = vx.plot.machine(system, x)
+    ((cavity,), (pad,), (floor_pad,)) = (
+        called(ax, name) for name in ("cavity 1", "friction 0", "friction 1")
+    )
+    container, loose = boxes(ax)
+    assert middle(pad) == pytest.approx(middle(loose), abs=ROUNDING)
+    assert middle(floor_pad) == pytest.approx(middle(container), abs=ROUNDING)
+    assert height_of(pad)[0] == pytest.approx(height_of(cavity)[0])
+    assert height_of(pad)[1] == pytest.approx(height_of(loose)[0])
+    assert height_of(loose)[1] < height_of(cavity)[1]
+    scheme = scheme_of_solution(vx.simulate(system, 0.0, 0.0), np.zeros((1, 2)))
+    assert scheme.pads == scheme_of_system(system).pads
+
+
+def test_what_rubs_on_the_ground_is_in_no_container():
+    system = cavity_with(rigid_ends(), [vx.Friction(1, force=0.1)])
+    assert not scheme_of_system(system).containers
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (1, 2), (2, 0)])
+@pytest.mark.parametrize("positive", ["right", "up"])
+def test_friction_between_masses_is_a_pad_between_two_plates(pair, positive):
+    rubbing = [vx.Friction({pair[0]: 1.0, pair[1]: -1.0}, force=0.1)]
+    chain = vx.chain([1.0] * 3, [0.0] * 3, [1.0] * 3, vx.Harmonic([1.0, 0, 0], 1.0), [], friction=rubbing)
+    ax = vx.plot.machine(chain, positive=positive)
+    (pad,), (plates,) = called(ax, "friction 0"), called(ax, "slider 0")
+    centre = pad.get_xy()[:4].mean(axis=0)
+    home = [middle(boxes(ax)[i]) for i in pair]
+    assert min(home) + 0.4 < centre[0] < max(home) - 0.4
+    x = np.asarray(plates.get_xdata())
+    assert min(home) < np.nanmin(x) < np.nanmax(x) < max(home)
+    assert (centre[1] > 1.0) == (abs(pair[0] - pair[1]) > 1)
+
+
+def test_a_compliant_end_of_a_mass_or_wall_has_its_spring_damper_and_preload():
+    law = {"stiffness": 20.0, "damping": 0.5, "preload": 0.2}
+    row, back = {1: 1.0, 0: -1.0}, {0: 1.0, 1: -1.0}
+    bare = vx.CompliantContact(back, 0.5, stiffness=30.0)
+    cavity = cavity_with([vx.CompliantContact(row, 0.5, **law), bare], [])
+    joined = vx.chain([1.0, 1.0], [0.0] * 2, [1.0] * 2, stops=[vx.CompliantContact(back, 0.5, **law)])
+    wall = vx.chain([1.0], [0.0], [1.0], stops=[vx.CompliantStop(0, 0.5, "upper", **law)])
+    for system in (cavity, joined, wall):
+        ax = vx.plot.machine(system)
+        assert all(called(ax, f"{name} 0") for name in ("spring of limit", "damper of limit", "preload"))
+        assert [text for text in words(ax) if text.endswith("$k$ = 20\n$c$ = 0.5\n$N_0$ = 0.2")]
+        (spring,) = called(ax, "spring of limit 0")
+        assert np.asarray(spring.get_xdata())[0] == pytest.approx(wall_at(ax, 0))
+    ax = vx.plot.machine(cavity)
+    assert called(ax, "spring of limit 1")
+    assert not called(ax, "damper of limit 1")
+    assert not called(ax, "preload 1")
+    sol = vx.simulate(cavity, 0.0, 0.0)
+    assert scheme_of_solution(sol, np.zeros((1, 2))).restitution == scheme_of_system(cavity).restitution
+
+
 def test_what_is_linked_loaded_or_one_of_several_is_in_no_container():
     ends = [vx.Contact({1: 1.0, 0: -1.0}, 1.0, 0.6), vx.Contact({0: 1.0, 1: -1.0}, 1.0, 0.6)]
     held = np.diag([1.0, 0.0])

@@ -186,7 +186,7 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     one = np.zeros(len(own), int)
     states = own * machines.scale(one)
     ds = machines.run(states, one, machines.transient, machines.record, progress=progress)
-    warn_of_endings(ds, "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_steps_reached", "non_finite", "friction_paradox")
     ends = machines.ends(ds, one)
     found = coexisting(machines, ends)
     motions, number = lasting(found.motions)

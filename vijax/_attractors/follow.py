@@ -119,7 +119,7 @@ def follow_attractors(
     machine = np.repeat(np.arange(len(along)), len(states))
     states = np.tile(states, (len(along), 1)) * machines.scale(machine)
     ds = machines.run(states, machine, machines.transient, machines.record, progress=progress)
-    warn_of_endings(ds, "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_steps_reached", "non_finite", "friction_paradox")
     ends = machines.ends(ds, machine)
     found = coexisting(machines, ends)
     motions, goes_to = seeded(machines, found)

@@ -409,7 +409,8 @@ def read(machine: Machine, flow: AbstractFlow, begin: Moment, mode: Array, since
     x, v, phase, _ = flow_map(machine, flow, begin, mode, since)
     x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period
     state = state_in_mode(machine, phase, x, v, mode, time)
-    machine, hold = machine.in_mode(state), machine.hold(state.held)
+    machine = machine.in_mode(state)
+    hold = machine.hold(state.held)
     now = derivatives(machine, state, hold)
     if machine.contacts.is_switching:
         of = lambda limit: limit.derivatives(machine, state, hold, now)[:_OF_FORCE]  # noqa: E731

@@ -24,7 +24,7 @@ from .._orbits.rigid_modes import closing_pin
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.family import structure_of
 from .corrector import Corrected, NewtonState, is_converged, is_going_on
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 
 
 class PreparedProblem(NamedTuple):
@@ -88,14 +88,14 @@ class _Kept(NamedTuple):
 _MOST_MASSES = 3
 
 
-def can_correct_many(families: Family) -> bool:
+def can_correct_many(families: ParameterFamily) -> bool:
     """True if `correct_many` may be taken for families, along the first axis: by their flow and number of masses."""
     is_modal = isinstance(families.flow, ModalFlow) and not is_by_tables(structure_of(families.system))
     return is_modal and families.scale.shape[-1] <= 2 * _MOST_MASSES
 
 
 def correct_many(
-    family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Array
+    family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Array
 ) -> Corrected:
     """`correct` of many cycles; all arrays have the lanes as their last axis.
 
@@ -166,17 +166,17 @@ def correct_many(
     )
 
 
-def prepared_problem(family: Family, sequence: Sequence, p: Array) -> PreparedProblem:
+def prepared_problem(family: ParameterFamily, sequence: Sequence, p: Array) -> PreparedProblem:
     """Equations of a cycle at a parameter, and the derivative of the machine and its flow by it."""
     return PreparedProblem(*family.linear_problem(sequence, p))
 
 
-def _pins_of(family: Family) -> Array:
+def _pins_of(family: ParameterFamily) -> Array:
     """`closing_pin` of many families, (2 n, 2 n, lanes)."""
     return jax.vmap(closing_pin, in_axes=-1, out_axes=-1)(family.shifts)
 
 
-def _pruned(family: Family, sequence: Sequence, guess: ExtendedCycle) -> tuple[Callable, Callable]:
+def _pruned(family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle) -> tuple[Callable, Callable]:
     """Functions that prepare the equations of a cycle and begin a pass, and that go past an event.
 
     The first returns only those numbers of the machine that the second reads.
@@ -194,7 +194,9 @@ def _pruned(family: Family, sequence: Sequence, guess: ExtendedCycle) -> tuple[C
     flight = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[:-1], a.dtype), flights)
     picked, of_picked = pruned(_past_event, prepared, family.scale, place.z, flight, begun)
 
-    def begin(family: Family, sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle) -> tuple:
+    def begin(
+        family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle
+    ) -> tuple:
         prepared = prepared_problem(family, sequence, place.p)
         return picked(prepared), _begun(prepared, family.scale, place, weights)
 

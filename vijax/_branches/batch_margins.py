@@ -9,11 +9,11 @@ from .._lanes.kernels import kernel_of, pruned
 from .._orbits.cycle import Moment, Problem
 from .._orbits.sequence import Sequence
 from .admissibility import Course, LeastMargins, course_of, least_margins, read
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 
 
 def margins_of_cycles(
-    families: Family, sequences: Sequence, places: ExtendedCycle, begins: Moment
+    families: ParameterFamily, sequences: Sequence, places: ExtendedCycle, begins: Moment
 ) -> LeastMargins:
     """`margins_of_cycle` of many cycles, along the first axis.
 
@@ -28,7 +28,7 @@ def margins_of_cycles(
     picked, reading = pruned(_read, problem, begin, mode, place.p)
 
     def prepared(
-        family: Family, sequence: Sequence, place: ExtendedCycle, begins: Moment
+        family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, begins: Moment
     ) -> tuple[list, Course]:
         problem = family.problem(sequence, place.p)
         return picked(problem), course_of(problem, family.unknowns(place), begins)

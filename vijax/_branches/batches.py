@@ -10,7 +10,7 @@ import numpy as np
 from .._jax.packing import Packed, pack
 from .._jax.xla import jit_for_lanes, jit_lightly
 from .kernels import ROOM_OF_SIMULATION
-from .parameter_family import Family
+from .parameter_family import ParameterFamily
 from .step_kernel import first_corrections, take_steps
 
 # `_WORTH_IT`: fewest branches of one call for which kernels are compiled for `BATCHES`.
@@ -23,7 +23,7 @@ _WORTH_IT, _CHEAPER = 512, 32
 class Stock:
     """Stacked families of one tree structure and shapes; several tasks may share one."""
 
-    def __init__(self, families: dict[int, Family]):
+    def __init__(self, families: dict[int, ParameterFamily]):
         own = {id(family): family for family in families.values()}
         self.rows = pack(stacked(list(own.values())), has_rows=True)
         rows = {one: row for row, one in enumerate(own)}
@@ -135,9 +135,9 @@ def _compiled_corrections() -> Callable:
     return jit_for_lanes(of_rows, name=(take_steps.__module__, of_rows.__name__))
 
 
-def makes_of(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, Stock]]:
+def makes_of(families: Many[ParameterFamily]) -> tuple[list[Hashable], dict[Hashable, Stock]]:
     """Make (tree structure and shapes) of each family, and the stacked families of each make."""
-    members: dict[Hashable, dict[int, Family]] = {}
+    members: dict[Hashable, dict[int, ParameterFamily]] = {}
     makes, known = [], {}
     for k, family in enumerate(families):
         if id(family) not in known:

@@ -8,7 +8,7 @@ from .branch import Bifurcation, cycle_of
 from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, AtTurn, DefiningSystem
 from .kernels import CorrectedCycle, padded, room_for
 from .kinds import MONITOR, Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
 from .sequence_edits import with_event, with_events_merged
@@ -38,7 +38,7 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
     _, family, sequence, place = family_at(point, low, high)
     if point.kind in (Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER):
         condition = _at_multiplier(point)
-    elif point.kind == Kind.BRANCH_POINT:
+    elif point.kind in (Kind.BRANCH_POINT, Kind.PITCHFORK):
         size = len(place.z)
         condition = AtBranchPoint(np.zeros(1), np.zeros(size), np.zeros((2, size + 1)))
     else:
@@ -47,7 +47,9 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
     return DefiningSystem(family, sequence, condition), place
 
 
-def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, ExtendedCycle]:
+def family_at(
+    point: Bifurcation, low: float, high: float
+) -> tuple[Start, ParameterFamily, Sequence, ExtendedCycle]:
     """Orbit of a point, the family of its machines between two parameter values, and its cycle in their scale."""
     if point.branch.points.attrs["num_periods"] == 0:
         raise ValueError(
@@ -75,7 +77,7 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
 
 
 def _at_event(
-    family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
+    family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[AbstractCondition, Sequence, ExtendedCycle]:
     if sequence.is_switching:
         sequence, place, k, is_tangent = _with_switching_event(family, kind, sequence, place)
@@ -87,7 +89,7 @@ def _at_event(
 
 
 def with_bifurcation_event(
-    family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
+    family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
     """Cycle with the event of the bifurcation inserted; its number, and whether its value has zero rate."""
     (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
@@ -105,7 +107,7 @@ def with_bifurcation_event(
 
 
 def _with_switching_event(
-    family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
+    family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
     """`with_bifurcation_event` for machines with friction or compliant contacts: with no event that has no duration."""
     (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)

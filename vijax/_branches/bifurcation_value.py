@@ -43,9 +43,9 @@ def bifurcation_value(point: Bifurcation, system: AnySystem, *, throw: bool = Tr
     compilation takes a minute.
 
     Args:
-        point: one of `branch.bifurcations`, of kind "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
+        point: one of `branch.bifurcations`, of kind "fold", "pd", "ns", "bp", "pitchfork", "gr", "double_impact" or "force_zero".
         system: the machine, with as many masses, the same stops, and a `force` if that of the point has one; its own
-            value of the branch's parameter is not used. At a "bp" it has the symmetry of the orbits that cross.
+            value of the branch's parameter is not used. At a "bp" or "pitchfork" it has the symmetry of the orbits that cross.
         throw: raise if the bifurcation is not found; otherwise its value is NaN, and so are its derivatives by all
             that it depends on.
 

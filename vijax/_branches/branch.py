@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import equinox as eqx
@@ -26,14 +26,14 @@ from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .._sweep.short_names import with_labels
-from .._system.family import Family as FamilyOfUser
+from .._system.family import Family
 from .._system.family_description import attributes_of_system, system_from
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import AnySystem, bound, machine_of
 from .kernels import CorrectedCycle
 from .kinds import MONITOR, EndKind, public_kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
@@ -70,7 +70,7 @@ class Branch:
     system: AnySystem | None = None
     allow_forces: Allowed = field(default=False, kw_only=True)
     force: Callable | None = field(default=None, kw_only=True)
-    family: Callable | FamilyOfUser | None = field(default=None, kw_only=True)
+    family: Callable | Family | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         if self.system is not None and self.force is not None:
@@ -195,7 +195,8 @@ class Bifurcation:
     def kind(self) -> str:
         """Kind of the bifurcation; a zero of a monitor has the prefix "monitor" and the name, with a colon between.
 
-        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
+        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "pitchfork" (the orbits lose or regain
+        a symmetry of the machine), "bp" (another branch point, also where a doubled branch
         meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the
         contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears); of friction
         "crossing_sliding" (a turn becomes a stick), "grazing_sliding" (a slide touches velocity zero, and sticks),
@@ -213,11 +214,38 @@ class Bifurcation:
         """Orbit at the bifurcation."""
         return self.branch.orbit(self.index)
 
+    @cached_property
+    def normal_form(self) -> Any:  # a `NormalForm` or a `GrazingForm`; type checkers would ask for the one
+        """Normal form of a "fold", "pd", "ns", "pitchfork" or "gr", which tells what the machine does beside the point, to leading order.
+
+        Its `criticality` tells whether the orbits that branch off are stable, its `side` where they exist, its `amplitude` how
+        far they are, see `vx.NormalForm`. It is made of the second and third derivatives of the return map, which exist through
+        all events, as no impact grazes there. At a grazing it is the square root that the stop adds to the map, see
+        `vx.GrazingForm`. The first call compiles them.
+
+        Raises:
+            ValueError: for another kind, for a grazing of a machine with friction or compliant stops or of several impacts at once,
+                or if 64-bit numbers are off.
+
+        References:
+            Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 5.4.
+        """
+        from .normal_form import normal_form_of  # which needs this class
+
+        return normal_form_of(self)
+
+    @property
+    def criticality(self) -> str:
+        """Criticality of a "pd", "ns" or "pitchfork", "supercritical" or "subcritical", "" for a fold; see `normal_form`."""
+        return self.normal_form.criticality
+
     def __repr__(self) -> str:
         return f"{self.kind} at {self.value:.12g} (point {self.index})"
 
 
-def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> Branch:
+def branch_of(
+    family: ParameterFamily, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch
+) -> Branch:
     """Join the walks backwards and forwards from a point to a branch, whose dataset is made when it is first read."""
     branch = object.__new__(Branch)
     walks = [replace(walk, points=walk.all_points(), monitored=[], cascade=[]) for walk in (back, forth)]
@@ -226,7 +254,9 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     return branch
 
 
-def _dataset(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> xr.Dataset:
+def _dataset(
+    family: ParameterFamily, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch
+) -> xr.Dataset:
     """Dataset of the points of a branch."""
     if forth.end == EndKind.CLOSED and back.end in (EndKind.CLOSED, EndKind.MAX_POINTS, EndKind.INTERRUPTED):
         back = replace(back, points=[], end=EndKind.CLOSED)
@@ -263,7 +293,7 @@ _with_phase = jax.jit(jax.vmap(with_phase))
 
 
 def _columns_of_orbits(
-    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, family: Family
+    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, family: ParameterFamily
 ) -> dict[str, tuple]:
     """Columns with one entry for each point."""
     x0, v0 = np.split(seen.start, 2, axis=1)

@@ -16,7 +16,7 @@ from .._orbits.sequence import Sequence
 from .admissibility import LeastMargins, margins_of_cycle
 from .defining_systems import DefiningSystem, Plane, solve
 from .kernels import jacobian
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 
 
 class LinearisedReturn(NamedTuple):
@@ -98,7 +98,7 @@ def _tangent(matrix: Float[Array, "unknowns unknowns"]) -> Float[Array, " unknow
 
 
 @jit_lightly
-def neighbours(family: Family, sequence: Sequence, place: ExtendedCycle) -> LinearisedReturn:
+def neighbours(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> LinearisedReturn:
     """Linearised return of the neighbours of a cycle with these events."""
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     pencil = condense(linearise(problem, unknowns, family.scale)[1]).pencil

@@ -33,7 +33,16 @@ Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 # Strong resonances, where orbits of other periods meet: angle of the pair of multipliers, whether the curve ends.
 _ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, False), "1:4": (np.pi / 2, False)}
 # Multipliers at each kind of point.
-_NEAR = {Kind.FOLD: [1], Kind.BRANCH_POINT: [1], Kind.PERIOD_DOUBLING: [-1], "1:1": [1, 1], "1:2": [-1, -1]}
+_NEAR = {
+    Kind.FOLD: [1],
+    Kind.BRANCH_POINT: [1],
+    Kind.PITCHFORK: [1],
+    Kind.PERIOD_DOUBLING: [-1],
+    "1:1": [1, 1],
+    "1:2": [-1, -1],
+}
+# Kinds at which branches cross.
+_CROSSINGS = Kind.BRANCH_POINT, Kind.PITCHFORK
 
 
 class CurveNeighbourhood(NamedTuple):
@@ -109,7 +118,7 @@ def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
         CurveTest(doubling, lambda seen, _: of_doubling(others(seen)), face),
         CurveTest(_meeting(kind, Kind.NEIMARK_SACKER), lambda seen, _: of_pairs(others(seen)), face),
     ]
-    if kind in (Kind.FOLD, Kind.BRANCH_POINT):
+    if kind in (Kind.FOLD, *_CROSSINGS):
         return [*found, CurveTest("1:1", lambda seen, _: of_meeting(others(seen)), face)]
     return [*found, CurveTest(_meeting(kind, Kind.FOLD), lambda seen, _: float(seen.faces[face].fold), face)]
 
@@ -146,7 +155,7 @@ def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     if Kind.NEIMARK_SACKER in kinds:
         return name if num_on_circle(mu) >= 2 * kinds.count(Kind.NEIMARK_SACKER) else ""
     near = _NEAR.get(name) or [
-        _NEAR[kind][0] for kind in kinds if kind in (Kind.FOLD, Kind.BRANCH_POINT, Kind.PERIOD_DOUBLING)
+        _NEAR[kind][0] for kind in kinds if kind in (Kind.FOLD, *_CROSSINGS, Kind.PERIOD_DOUBLING)
     ]
     is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(AT_BIFURCATION)) >= near.count(a) for a in near)
     return name if is_there else ""
@@ -156,7 +165,7 @@ def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
     """Finite multipliers on a face without those that define the curve."""
     mu = np.asarray(seen.faces[face].multipliers)
     mu = mu[np.abs(mu) < INFINITE_MULTIPLIER]
-    theta = np.zeros(1) if kind == Kind.BRANCH_POINT else np.asarray(seen.at.own)  # empty for events
+    theta = np.zeros(1) if kind in _CROSSINGS else np.asarray(seen.at.own)  # empty for events
     own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == Kind.NEIMARK_SACKER else theta))
     for value in own[: len(mu)]:
         mu = np.delete(mu, np.argmin(np.abs(mu - value)))

@@ -16,7 +16,7 @@ from .branch import Branch, branch_of
 from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
 from .follow import follow_branch
 from .monitors import Monitors, Stop, Watched, WatchedWalk, checked_monitors
-from .parameter_family import Family
+from .parameter_family import ParameterFamily
 from .point import BranchPoint, Budget, DirectedBranch
 from .scheduler import drive
 from .starts import Start, families_of, points_of, refuse_start, starting_orbits
@@ -260,7 +260,7 @@ def follow_branches(
 
 def _follow(
     walks: list[DirectedBranch],
-    families: list[Family],
+    families: list[ParameterFamily],
     starts: list[BranchPoint],
     budget: Budget,
     told: tuple[Callable[[int], Any], ...],

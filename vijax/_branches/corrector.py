@@ -12,7 +12,7 @@ from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, 
 from .._orbits.cycle import linearise
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.sequence import Sequence
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
 
 _MAX_STEPS = 12
@@ -71,7 +71,7 @@ def is_converged(now: NewtonState) -> Array:
 
 
 def correct(
-    family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
+    family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
 ) -> Corrected:
     """Solve the equations of a sequence and `weights . place = target`, for instance with a tangent as weights."""
     count = jnp.sum(sequence.is_event)
@@ -126,7 +126,7 @@ def correct(
 
 
 def evaluate_at(
-    family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
 ) -> Corrected:
     """`Corrected` of a known cycle and of the tangent of its branch, without Newton's method."""
     count, zero = jnp.sum(sequence.is_event), jnp.zeros_like(place.p)

@@ -40,7 +40,7 @@ def bifurcation_curve(
 
     Args:
         point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero";
-            or "bp", if the second parameter keeps the symmetry of the orbits that cross.
+            or "pitchfork" or "bp", if the second parameter keeps the symmetry of the orbits that cross.
         path: the second parameter.
         bounds: lowest and highest values of both parameters, by their paths.
         max_points: largest number of points in each direction.

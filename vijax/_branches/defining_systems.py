@@ -34,7 +34,7 @@ from .._jax.xla import compile_lightly
 from .._orbits.condensation import condense
 from .._orbits.cycle import Problem, Unknowns, linearise, residual
 from .._orbits.sequence import Sequence
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
 
 _MAX_STEPS = 16
@@ -50,7 +50,7 @@ class TrialCycle(NamedTuple):
         unknowns: its unknowns without the parameter, not scaled.
     """
 
-    family: Family
+    family: ParameterFamily
     place: ExtendedCycle
     problem: Problem
     unknowns: Unknowns
@@ -194,7 +194,7 @@ class DefiningSystem(eqx.Module):
         condition: by which the orbit is a bifurcation.
     """
 
-    family: Family
+    family: ParameterFamily
     sequence: Sequence
     condition: AbstractCondition
 

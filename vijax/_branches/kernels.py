@@ -1,5 +1,6 @@
 """Kernels: the compiled functions of a cycle that branches request, batched over many branches."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -22,7 +23,7 @@ from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
 from .batch_corrector import can_correct_many, correct_many
 from .batch_margins import margins_of_cycles
 from .corrector import Corrected, correct, evaluate_at
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 
 # Padded numbers of events for which kernels are compiled.
 _ROOMS = 16, 64, 256, 1024
@@ -81,7 +82,7 @@ class LocatedState(NamedTuple):
 
 
 def corrected_cycle(
-    family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
+    family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
 ) -> CorrectedCycle:
     """The cycle of a sequence with `weights . place = target`."""
     found = correct(family, sequence, guess, weights, target)
@@ -89,7 +90,11 @@ def corrected_cycle(
 
 
 def corrected_cycles(
-    families: Family, sequences: Sequence, guesses: ExtendedCycle, weights: ExtendedCycle, targets: Array
+    families: ParameterFamily,
+    sequences: Sequence,
+    guesses: ExtendedCycle,
+    weights: ExtendedCycle,
+    targets: Array,
 ) -> CorrectedCycle:
     """`corrected_cycle` of many branches, along the first axis."""
     given = families, sequences, guesses, weights, targets
@@ -106,7 +111,7 @@ def corrected_cycles(
         return jax.vmap(corrected_cycle)(*given)
 
     def one(
-        family: Family,
+        family: ParameterFamily,
         sequence: Sequence,
         found: Corrected,
         place: ExtendedCycle,
@@ -125,13 +130,15 @@ def _place_of(found: Corrected, guess: ExtendedCycle) -> ExtendedCycle:
 
 
 def as_corrected_cycle(
-    family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
 ) -> CorrectedCycle:
     """A given cycle as a corrected one, at a point where Newton's method along the branch is singular."""
     return _seen(family, sequence, evaluate_at(family, sequence, place, tangent), place)
 
 
-def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> CorrectedCycle:
+def _seen(
+    family: ParameterFamily, sequence: Sequence, found: Corrected, place: ExtendedCycle
+) -> CorrectedCycle:
     equations = _Equations.of(family, sequence, place)
     moments = _moments(family, equations, found, place)
     watched = margins_of_cycle(equations.problem, family.unknowns(place), moments[0][0])
@@ -146,7 +153,7 @@ class _Equations(NamedTuple):
     p: Scalar
 
     @classmethod
-    def of(cls, family: Family, sequence: Sequence, place: ExtendedCycle) -> "_Equations":
+    def of(cls, family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> "_Equations":
         """The equations at the parameter of a cycle."""
         return cls(*family.linear_problem(sequence, place.p), place.p)
 
@@ -161,7 +168,9 @@ class _Equations(NamedTuple):
 _Moments = tuple[tuple[Moment, Array], tuple[Moment, Array]]
 
 
-def _moments(family: Family, equations: _Equations, found: Corrected, place: ExtendedCycle) -> _Moments:
+def _moments(
+    family: ParameterFamily, equations: _Equations, found: Corrected, place: ExtendedCycle
+) -> _Moments:
     count = jnp.sum(equations.problem.sequence.is_event)
 
     def moments_at(at: ExtendedCycle) -> tuple[Moment, Array]:
@@ -170,12 +179,14 @@ def _moments(family: Family, equations: _Equations, found: Corrected, place: Ext
     return jax.jvp(moments_at, (place,), (found.tangent,))
 
 
-def _moments_of(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> _Moments:
+def _moments_of(
+    family: ParameterFamily, sequence: Sequence, found: Corrected, place: ExtendedCycle
+) -> _Moments:
     return _moments(family, _Equations.of(family, sequence, place), found, place)
 
 
 def _with_rates(
-    family: Family,
+    family: ParameterFamily,
     equations: _Equations,
     found: Corrected,
     place: ExtendedCycle,
@@ -196,7 +207,7 @@ def _with_rates(
 
 
 def simulate_motion(
-    family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
 ) -> SimulatedMotion:
     """Simulate the machine from a start in space, or from the start of a cycle where that is NaN."""
     if family.is_autonomous:
@@ -210,7 +221,7 @@ def simulate_motion(
 
 
 def _run(
-    family: Family, p: Scalar, start: Float[Array, " state"], length: Scalar, room: int
+    family: ParameterFamily, p: Scalar, start: Float[Array, " state"], length: Scalar, room: int
 ) -> tuple[Sequence, Float[Array, " events"], Bool[Array, ""]]:
     """Events of a run from a start in space, the durations of its flights, and true if there was room for all."""
     numbers = numbers_of(family.system_at(p))
@@ -224,7 +235,7 @@ def _run(
 
 
 def _simulate_autonomous(
-    family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
 ) -> SimulatedMotion:
     """`simulate_motion` where no load sets the period: from the middle of the first flight, over a period of the cycle.
 
@@ -241,7 +252,7 @@ def _simulate_autonomous(
 
 
 def locate_state(
-    family: Family, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle, time: Scalar
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle, time: Scalar
 ) -> LocatedState:
     """State of a cycle `time` forcing periods after its start, and the rates of the gaps there in a direction."""
 
@@ -257,7 +268,9 @@ def locate_state(
     return LocatedState(located.z, rates.gap_rates)
 
 
-def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[Array, "equations unknowns"]:
+def jacobian(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
+) -> Float[Array, "equations unknowns"]:
     """Scaled Jacobian of all equations by the start and the durations, rows and columns of padding included."""
     size = len(place.z)
     problem = family.problem(sequence, place.p)
@@ -267,6 +280,50 @@ def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[
         return jnp.concatenate([found.closing / family.scale, found.events])
 
     return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
+
+
+def slope(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle
+) -> Float[Array, " equations"]:
+    """Derivative of the equations of `jacobian` along a direction, which may move the parameter."""
+    return _along(_equations_at(family, sequence, place), direction)(place)
+
+
+def curvature(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, u: ExtendedCycle, v: ExtendedCycle
+) -> Float[Array, " equations"]:
+    """Second derivative of the equations of `jacobian` along two directions, one of which may move the parameter."""
+    return _along(_along(_equations_at(family, sequence, place), u), v)(place)
+
+
+def third_derivative(
+    family: ParameterFamily,
+    sequence: Sequence,
+    place: ExtendedCycle,
+    u: ExtendedCycle,
+    v: ExtendedCycle,
+    w: ExtendedCycle,
+) -> Float[Array, " equations"]:
+    """Third derivative of the equations of `jacobian` along three directions at fixed parameter."""
+    return _along(_along(_along(_equations_at(family, sequence, place), u), v), w)(place)
+
+
+def _equations_at(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
+) -> Callable[[ExtendedCycle], Array]:
+    """Scaled residuals as a function of the cycle, linear in the parameter about that of a place."""
+    equations = _Equations.of(family, sequence, place)
+
+    def at(place: ExtendedCycle) -> Array:
+        found = residual(equations.at(place.p), family.unknowns(place))
+        return jnp.concatenate([found.closing / family.scale, found.events])
+
+    return at
+
+
+def _along(f: Callable[[ExtendedCycle], Array], direction: ExtendedCycle) -> Callable[[ExtendedCycle], Array]:
+    """Derivative of a function along a direction."""
+    return lambda place: jax.jvp(f, (place,), (direction,))[1]
 
 
 def room_for(num_events: int) -> int:

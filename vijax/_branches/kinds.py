@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         "pd",
         "ns",
         "bp",
+        "pitchfork",
         "gr",
         "double_impact",
         "force_zero",
@@ -38,6 +39,8 @@ class Kind(StrEnum):
     PERIOD_DOUBLING = "pd", "period doubling", True
     NEIMARK_SACKER = "ns", "Neimark-Sacker", True
     BRANCH_POINT = "bp", "branch point", True
+    # A branch point at which a symmetry of the orbits is broken.
+    PITCHFORK = "pitchfork", "pitchfork", True
     GRAZING = "gr", "grazing", False
     DOUBLE_IMPACT = "double_impact", "double impact", False
     FORCE_ZERO = "force_zero", "force zero", False

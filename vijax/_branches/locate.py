@@ -7,6 +7,7 @@ import numpy as np
 from .bracket import Bracket, SlopedBracket, next_trial
 from .kernels import CorrectedCycle
 from .kinds import EndKind, Kind
+from .pitchfork import is_listed, pitchfork_at_fold, with_kind_of_crossing
 from .point import BranchPoint, DirectedBranch, End, between, on_plane
 from .requests import Requests
 from .singular import branch_point, end_of_doubled
@@ -20,6 +21,9 @@ from .test_functions import (
     num_unstable,
 )
 from .tolerances import AT_BIFURCATION, JUST_BEFORE, LARGE_MULTIPLIER, SQUARE_ZERO, ZERO
+
+# Kinds of points at which the functions of folds and of branch points may both change sign.
+_WITH_CROSSING = Kind.FOLD, Kind.HALF_PERIOD, Kind.PITCHFORK
 
 
 def first_event(
@@ -116,22 +120,41 @@ def special_points(
             continue
         if not is_crossed(test.of(point.seen), test.of(new.seen)):
             continue
-        if test.kind == Kind.BRANCH_POINT and any(at.kind in (Kind.FOLD, Kind.HALF_PERIOD) for at in found):
+        if test.kind == Kind.BRANCH_POINT and any(at.kind in _WITH_CROSSING for at in found):
             continue
         at = yield from (branch_point if test.kind == Kind.BRANCH_POINT else locate)(point, new, test)
         if isinstance(at, End):
             return at
         if not _is_there(test, at.seen):
             continue
-        if test.kind in (Kind.FOLD, Kind.BRANCH_POINT) and walk.rounds % 2:
-            at = (yield from end_of_doubled(walk.num_periods, at)) or at
+        if test.kind in (Kind.FOLD, Kind.BRANCH_POINT):
+            at = yield from _named(walk, point, at)
             if isinstance(at, End):
                 return at
-        changes: dict[str, int] = {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}
-        change += changes.get(at.kind, 1)
-        found.append(at)
+        if not is_listed(walk, at):
+            change += _change_of_stability(test.kind, at.kind)
+            found.append(at)
     is_whole = (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2 == 0
     return sorted(found, key=lambda at: at.arc), bool(is_whole) and not _is_hidden(point, found)
+
+
+def _named(walk: DirectedBranch, point: BranchPoint, at: BranchPoint) -> Requests[BranchPoint | End]:
+    """A fold or a branch point behind a point, or what else it is: the end of a doubled branch, or a pitchfork."""
+    if walk.rounds % 2:
+        end = yield from end_of_doubled(walk.num_periods, at)
+        if end is not None:
+            return end
+    if at.kind == Kind.BRANCH_POINT:
+        return (yield from with_kind_of_crossing(walk, at))
+    return (yield from pitchfork_at_fold(walk, point, at)) or at
+
+
+def _change_of_stability(seen_as: str, kind: str) -> int:
+    """Number of multipliers that leave the unit circle at a bifurcation, or enter it, from the kind of its test function."""
+    if kind == Kind.PITCHFORK and seen_as == Kind.FOLD:
+        return 0  # behind it comes the mirror image, which is as stable
+    changes: dict[str, int] = {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}
+    return changes.get(kind, 1)
 
 
 def _is_hidden(point: BranchPoint, found: list[BranchPoint]) -> bool:

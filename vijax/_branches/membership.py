@@ -11,7 +11,7 @@ from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
 from .kinds import EndKind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, End, at_parameter, corrected
 from .requests import Requests
 from .scheduler import drive
@@ -96,7 +96,7 @@ class KnownOrbits:
             self._known[orbit] = _states(self._starts[orbit])
         return self._known[orbit]
 
-    def _families(self, chances: list[_Chance]) -> list[Family]:
+    def _families(self, chances: list[_Chance]) -> list[ParameterFamily]:
         """Family of each chance; orbits that are compared with several branches have one."""
         values = np.concatenate([[chance.value for chance in chances], *(c.branch.values for c in chances)])
         low, high = float(values.min()), float(values.max())
@@ -107,7 +107,7 @@ class KnownOrbits:
         return [found[chance.orbit] for chance in chances]
 
 
-def _is_met(chance: _Chance, family: Family) -> Requests[bool]:
+def _is_met(chance: _Chance, family: ParameterFamily) -> Requests[bool]:
     """True if the branch has the orbit between its two points."""
     p, span = chance.value / float(family.span), float(family.span)
     at = [Bifurcation(chance.branch, end % len(chance.branch)) for end in (chance.k, chance.k + 1)]
@@ -145,7 +145,9 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Requests[C
     return seen
 
 
-def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> Requests[bool]:
+def _is_same(
+    chance: _Chance, family: ParameterFamily, sequence: Sequence, seen: CorrectedCycle
+) -> Requests[bool]:
     """True if a cycle is the orbit; False for one that has no state at its start, as its events are out of order."""
     point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
     if isinstance(point, End):

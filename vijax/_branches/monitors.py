@@ -23,7 +23,7 @@ from .branch import Branch, branch_of
 from .cycle_quantities import checked_names, run_of_cycle
 from .kernels import CorrectedCycle, room_for
 from .kinds import MONITOR, STOP, EndKind, Kind, PublicKind, public_kind
-from .parameter_family import Family
+from .parameter_family import ParameterFamily
 from .point import BranchPoint, DirectedBranch, End, PlainPoint, between, on_plane
 from .requests import Requests
 from .scheduler import drive
@@ -92,7 +92,7 @@ class WatchedWalk:
 
     watched: Watched
     walk: DirectedBranch
-    family: Family
+    family: ParameterFamily
     flow: AbstractFlow | None
     start: BranchPoint
     num_seen: int = 0

@@ -52,7 +52,7 @@ class ExtendedCycle(NamedTuple):
         return float(np.linalg.norm(np.append(self.z - other.z, self.p - other.p)))
 
 
-class Family(eqx.Module):
+class ParameterFamily(eqx.Module):
     """Machines at all values of one parameter or two, and the equations of their cycles.
 
     Attributes:

@@ -128,7 +128,7 @@ class DirectedBranch:
     """A branch in one direction, as far as it was followed.
 
     Attributes:
-        num_periods: n; infinite where no load sets the period, see `Family.last_phase`.
+        num_periods: n; infinite where no load sets the period, see `ParameterFamily.last_phase`.
         bounds: bounds of the scaled parameter.
         max_points: largest number of points.
         longest: longest step, along the scaled parameter or for a cycle of size 1.

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .kernels import LocatedState, SimulatedMotion, locate_state, simulate_motion
-from .parameter_family import ExtendedCycle
+from .parameter_family import ExtendedCycle, ParameterFamily
 
 T = TypeVar("T")
 
@@ -48,6 +48,19 @@ class KernelCall(Request[T]):
     program: Callable[..., T]
     sequence: Sequence
     arguments: tuple
+
+
+@dataclass(frozen=True, eq=False)
+class HostCall(Request[T]):
+    """Request for what a function of the family alone tells, outside of all batches.
+
+    Attributes:
+        function: of the family.
+        sequence: events of the cycle.
+    """
+
+    function: Callable[[ParameterFamily], T]
+    sequence: Sequence
 
 
 def simulation_of(sequence: Sequence, place: ExtendedCycle) -> KernelCall[SimulatedMotion]:

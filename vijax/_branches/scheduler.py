@@ -7,14 +7,16 @@ from typing import Any
 from .._orbits.sequence import NOTHING
 from .batches import Stock, call, makes_of, stacked
 from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, padded, room_for, simulate_motion, trimmed
-from .parameter_family import Family
+from .parameter_family import ParameterFamily
 from .point import TooManyEvents
-from .requests import KernelCall, Requests, T
+from .requests import HostCall, KernelCall, Requests, T
 from .step_batch import PARTS, StepBatch
 from .steps import PlainSteps
 
 
-def drive(families: Many[Family], tasks: Many[Requests[T]], tell_progress: Callable[[], Any]) -> list[T]:
+def drive(
+    families: Many[ParameterFamily], tasks: Many[Requests[T]], tell_progress: Callable[[], Any]
+) -> list[T]:
     """Run tasks, each with its family, side by side: they yield requests and are sent the answers.
 
     Returns what the tasks return; `tell_progress` is called once a round.
@@ -26,7 +28,7 @@ def drive(families: Many[Family], tasks: Many[Requests[T]], tell_progress: Calla
     while True:
         for k, reply in replies.items():
             try:
-                request = _next_request(tasks[k], reply)
+                request = _next_request(families[k], tasks[k], reply)
             except StopIteration as end:
                 results[k] = end.value
                 continue
@@ -46,9 +48,11 @@ def drive(families: Many[Family], tasks: Many[Requests[T]], tell_progress: Calla
         tell_progress()
 
 
-def _next_request(task: Requests[Any], reply: Any) -> KernelCall[Any] | PlainSteps:
+def _next_request(family: ParameterFamily, task: Requests[Any], reply: Any) -> KernelCall[Any] | PlainSteps:
     """Next request of a task after a reply; one with too many events throws `TooManyEvents` into this task alone."""
     request = task.send(reply)
+    while isinstance(request, HostCall):
+        request = task.send(request.function(family))
     while len(request.sequence.kind) > MOST_EVENTS:
         request = task.throw(TooManyEvents("max_events"))
     assert isinstance(request, KernelCall | PlainSteps)
@@ -65,7 +69,7 @@ def _without_padding(request: KernelCall[T]) -> KernelCall[T]:
     return replace(request, sequence=trimmed(request.sequence, num), arguments=(trimmed(place, num), *others))
 
 
-def answer(family: Family, request: KernelCall[T]) -> T:
+def answer(family: ParameterFamily, request: KernelCall[T]) -> T:
     """Answer a single request."""
     room = room_for(len(request.sequence.kind))
     room = max(room, ROOM_OF_SIMULATION) if request.program is simulate_motion else room

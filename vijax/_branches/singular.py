@@ -17,7 +17,7 @@ from .corrector import evaluate_at
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
 from .kernels import CorrectedCycle, as_corrected_cycle, trimmed
 from .kinds import EndKind, Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, End, between, on_plane
 from .requests import KernelCall, Requests, ask, location_on
 from .sequence_edits import in_a_row
@@ -39,7 +39,7 @@ _NODES = 9
 
 
 def crossing(
-    family: Family, sequence: Sequence, guess: ExtendedCycle
+    family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle
 ) -> tuple[ExtendedCycle, Bool[Array, ""]]:
     """The branch point near a guess, and True if there is one."""
     size = len(guess.z)
@@ -64,7 +64,7 @@ class Doubling(NamedTuple):
     is_likely: Bool[Array, ""]
 
 
-def doubling(family: Family, sequence: Sequence, guess: ExtendedCycle) -> Doubling:
+def doubling(family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle) -> Doubling:
     """The period doubling of a cycle of half as many periods near a guess."""
     half = replace(family, num_periods=family.num_periods / 2)
     borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))
@@ -83,13 +83,20 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Re
     s = _root_of(np.array([s for s, _ in known]), np.array([test.of(seen) for _, seen in known]), length)
     if not np.isfinite(s):
         return End(EndKind.NOT_CONVERGED)
-    guess = between(point, new, s / length)
+    found = yield from branch_point_near(point, between(point, new, s / length), CROSSING_NEAR)
+    return End(EndKind.NOT_CONVERGED) if found is None else found
+
+
+def branch_point_near(
+    point: BranchPoint, guess: ExtendedCycle, within: float
+) -> Requests[BranchPoint | None]:
+    """The branch point within a distance of a guess, on the branch behind a point; None if there is none."""
     place, is_found = yield from ask(KernelCall(crossing, point.sequence, (guess,)))
     place = trimmed(place, len(point.sequence.kind))
-    if not is_found or not place.distance(guess) < CROSSING_NEAR:
-        return End(EndKind.NOT_CONVERGED)
-    s = place.along(point.tangent) - point.place.along(point.tangent)
-    return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
+    if not is_found or not place.distance(guess) < within:
+        return None
+    arc = point.arc + float(place.along(point.tangent) - point.place.along(point.tangent))
+    return (yield from _point_at(point.sequence, place, point.tangent, arc, Kind.BRANCH_POINT))
 
 
 def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoint | End | None]:

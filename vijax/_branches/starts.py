@@ -1,8 +1,8 @@
 """Starts of branches: given orbits, or the orbits found from the points of a sweep, in one form."""
 
-from collections.abc import Hashable, Iterator, Sequence as Many
+from collections.abc import Hashable, Iterable, Iterator, Sequence as Many
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -21,12 +21,12 @@ from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import Sequence, empty_sequence
 from .._sweep.provenance import varied_of
-from .._system.family import Family as FamilyOfUser
+from .._system.family import Family
 from .._system.parameters import Location, find_parameter, get_parameter, moved_arrays
 from .._system.system import AnySystem, machine_of, unbound, varied
 from .follow import point_at_orbit
 from .kernels import room_for
-from .parameter_family import Family
+from .parameter_family import ParameterFamily
 from .point import BranchPoint
 from .scheduler import drive
 from .tolerances import IS_ONE, SMALL_ORBIT
@@ -71,8 +71,17 @@ class Start(NamedTuple):
 def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
     """Starts of all orbits of a list, or of a dataset from `vx.periodic_orbits`."""
     if isinstance(source, xr.Dataset):
-        return list(_of_dataset(source))
-    orbits = [source] if isinstance(source, PeriodicOrbit) else list(source)
+        starts = list(_of_dataset(source))
+        _refuse_friction_of_contacts(start.system for start in starts)
+        return starts
+    given = [source] if isinstance(source, PeriodicOrbit) else source
+    orbits: list[Any] = [*given] if isinstance(given, Iterable) else [None]
+    if not all(isinstance(one, PeriodicOrbit) for one in orbits):
+        raise ValueError(
+            "Argument `orbit` must be a periodic orbit, a list of such, or what `vx.periodic_orbits` returned, but is a "
+            f"{type(source).__name__}."
+        )
+    _refuse_friction_of_contacts(orbit.system for orbit in orbits)
     if is_traced(orbits):
         raise ValueError("Branches need known numbers: call this outside of `jax.jit` and `jax.vmap`.")
     return [
@@ -159,9 +168,18 @@ def value_of(system: AnySystem, path: str) -> float:
     return float(values)
 
 
+def _refuse_friction_of_contacts(systems: Iterable[AnySystem]) -> None:
+    for system in systems:
+        if any(element.is_tied for element in system.friction):
+            raise ValueError(
+                "Branches of machines with friction of contacts are not followed yet: find their orbits one by one, `vx.periodic_orbit` "
+                "with the parameter at each value."
+            )
+
+
 def families_of(
     starts: Many[Start], path: str, low: float, high: float, tolerance: float = 0.0
-) -> list[Family]:
+) -> list[ParameterFamily]:
     """Families of the machines of orbits along a parameter; what machines of one structure share is computed once.
 
     Raises:
@@ -172,7 +190,7 @@ def families_of(
         leaves, structure = jax.tree.flatten(start.system)
         is_alone = (
             "*" in path
-            or isinstance(start.system, FamilyOfUser)
+            or isinstance(start.system, Family)
             or start.args is not None
             or start.flow is not None
             or start.system.force is not None
@@ -180,7 +198,7 @@ def families_of(
         )
         make = k if is_alone else (structure, *(np.shape(a) for a in leaves))
         groups.setdefault(make, []).append(k)
-    found: dict[int, Family] = {}
+    found: dict[int, ParameterFamily] = {}
     for group in groups.values():
         own = (
             _families_side_by_side([starts[k] for k in group], path, (low, high), tolerance)
@@ -194,7 +212,7 @@ def families_of(
 
 def _families_side_by_side(
     starts: Many[Start], path: str, bounds: tuple[float, float], tolerance: float
-) -> list[Family] | None:
+) -> list[ParameterFamily] | None:
     """Families of machines of one structure; None if their springs, dampers and masses differ."""
     value_of(starts[0].system, path)  # raises if the path names no number
     systems = [jax.tree.map(np.asarray, start.system) for start in starts]
@@ -214,7 +232,7 @@ def _families_side_by_side(
     sizes = np.asarray(numbers.frequency), *_lengths_of(numbers)
     scales = _scales(states, *(np.broadcast_to(size, num) for size in sizes))
     return [
-        Family(
+        ParameterFamily(
             system=system,
             flow=flow,
             num_periods=np.asarray(start.num_periods, states.dtype),
@@ -277,14 +295,14 @@ def _check_start(start: Start, path: str, value: float, bounds: tuple[float, flo
         )
 
 
-def family_of(start: Start, path: str, low: float, high: float, tolerance: float = 0.0) -> Family:
+def family_of(start: Start, path: str, low: float, high: float, tolerance: float = 0.0) -> ParameterFamily:
     """Family of the machine of an orbit along a parameter.
 
     Raises:
         ValueError: for a path that names no single number, bounds that exclude the orbit, an inadmissible orbit.
     """
     machine = start.system
-    if start.is_autonomous and isinstance(machine, FamilyOfUser):
+    if start.is_autonomous and isinstance(machine, Family):
         raise ValueError(
             "A cycle that nothing drives is followed along a path of a machine: find it for `family.system`, not for the family."
         )
@@ -294,12 +312,12 @@ def family_of(start: Start, path: str, low: float, high: float, tolerance: float
         machine = with_unit(machine_of(machine), start.period)
     system = jax.tree.map(np.asarray, varied(machine, start.args))
     _check_start(start, path, value_of(system, path), (low, high))
-    if isinstance(machine, FamilyOfUser):
+    if isinstance(machine, Family):
         check_column(path)
     numbers, dtype = numbers_of(machine_of(system)), start.state.dtype
     sizes = np.asarray(numbers.frequency), *_lengths_of(numbers)
     (scale,) = _scales(start.state[None], *(size[None] for size in sizes))
-    return Family(
+    return ParameterFamily(
         system=system,
         flow=TaylorFlow()
         if start.is_autonomous
@@ -341,7 +359,7 @@ _TRIED = 65
 
 def _band(system: AnySystem, path: str, bounds: tuple[float, float]) -> tuple[float, float]:
     """Lowest and highest frequency of the load between bounds of a parameter that moves it."""
-    if not isinstance(system, FamilyOfUser):
+    if not isinstance(system, Family):
         return bounds
     zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
     lanes = with_values(LaneInput(system, zero, zero), {path: np.linspace(*bounds, _TRIED)})
@@ -349,7 +367,7 @@ def _band(system: AnySystem, path: str, bounds: tuple[float, float]) -> tuple[fl
     return float(frequency.min()), float(frequency.max())
 
 
-def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint | None]:
+def points_of(starts: list[Start], families: list[ParameterFamily]) -> list[BranchPoint | None]:
     """Points at which the branches begin; None for a start that is no orbit of its machine, or not isolated."""
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
     rooms: dict[tuple[int, int, bool], Sequence] = {}
@@ -366,7 +384,7 @@ def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint |
     return [found.get(k) for k in range(len(starts))]
 
 
-def is_isolated(start: Start, family: Family) -> bool:
+def is_isolated(start: Start, family: ParameterFamily) -> bool:
     """True if no neighbour of an orbit, except for rigid shifts, is an orbit at the same parameter.
 
     At a fold one multiplier is 1, and the branch continues. Where two are, as at a resonance of a vibration without
@@ -377,7 +395,7 @@ def is_isolated(start: Start, family: Family) -> bool:
     return bool(num_ones < 2 + 2 * np.trace(family.shifts) + drift)
 
 
-def refuse_start(number: int, start: Start, family: Family) -> None:
+def refuse_start(number: int, start: Start, family: ParameterFamily) -> None:
     """Raise the reason why no branch begins at an orbit."""
     if is_isolated(start, family):
         raise ValueError(

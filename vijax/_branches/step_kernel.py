@@ -18,7 +18,7 @@ from .._orbits.sequence import NOTHING, Sequence
 from .admissibility import LeastMargins, Margins
 from .corrector import Corrected
 from .kernels import PAST, CorrectedCycle, SimulatedMotion, corrected_cycle, corrected_cycles, simulate_motion
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
 from .steps import (
     StepLimits,
     StepState,
@@ -99,7 +99,7 @@ class _State(NamedTuple):
 
 
 def take_steps(
-    families: Family,
+    families: ParameterFamily,
     requests: StepRequest,
     points: Packed,
     ds: Array,
@@ -170,7 +170,9 @@ def take_steps(
     return jax.lax.while_loop(is_going_on, one, first).found
 
 
-def first_corrections(families: Family, requests: StepRequest, points: Packed, ds: Array) -> CorrectedCycle:
+def first_corrections(
+    families: ParameterFamily, requests: StepRequest, points: Packed, ds: Array
+) -> CorrectedCycle:
     """Corrected cycles of the first try of `take_steps`, in the form for many branches."""
     all_ = jnp.ones(len(ds), bool)
     guess = jax.vmap(_prediction)(points.unpacked(), ds, requests.target, all_)
@@ -228,7 +230,7 @@ def _judged(
 
 
 def _simulated(
-    family: Family,
+    family: ParameterFamily,
     request: StepRequest,
     point: CorrectedCycle,
     seen: CorrectedCycle,

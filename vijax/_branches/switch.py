@@ -9,11 +9,11 @@ from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
-from .kernels import jacobian
 from .kinds import Kind
-from .parameter_family import ExtendedCycle, Family
+from .parameter_family import ExtendedCycle, ParameterFamily
+from .pitchfork import crossing_direction, null_vectors
 from .point import BranchPoint, DirectedBranch, correct_with_free_parameter, first_followed
-from .requests import KernelCall, Requests, ask
+from .requests import Requests
 from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
@@ -25,7 +25,8 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     """Find orbits on the other branches through a point of a branch, close to it.
 
     At a period doubling this is the orbit of twice the period, at the end of a doubled branch that of half the period.
-    At any other branch point there is one on each side. Where an impact appears or vanishes, there are those of one to
+    At a pitchfork it is one of the two mirror images, and `orbit.mirrored()` the other; from the branch of these, where it
+    turns, the symmetric orbit. At any other branch point there is one on each side. Where an impact appears or vanishes, there are those of one to
     three periods of the orbit that touches the stop, which hit it in some of these periods, as far as the machine
     follows them. A fold has none. Where two impacts exchange their order, the branch itself continues.
 
@@ -64,7 +65,7 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
                 "compliant stops search beside it by `vx.find_periodic_orbits`."
             )
         return _at_grazing(point)
-    if point.kind not in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT):
+    if point.kind not in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT, Kind.PITCHFORK):
         return []
     path, value = point.branch.path, point.value
     start, family, sequence, place = family_at(point, value - 1, value + 1)
@@ -76,8 +77,20 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         sequence, place = in_a_row([(sequence, place)] * 2, start.num_periods)
         family = family_of(start._replace(num_periods=2 * start.num_periods), path, value - 1, value + 1)
     sides = (1.0,) if point.kind == Kind.PERIOD_DOUBLING else (1.0, -1.0)
-    found = drive([family] * len(sides), [_beside(sequence, place, side) for side in sides], lambda: None)
-    return [_orbit(family, other) for other in found if other is not None]
+    beside = _across if point.kind == Kind.PITCHFORK and _turns(point) else _beside
+    found = drive([family] * len(sides), [beside(sequence, place, side) for side in sides], lambda: None)
+    orbits = [_orbit(family, other) for other in found if other is not None]
+    # The two sides of a pitchfork are mirror images, or belong to one branch of symmetric orbits.
+    return orbits[:1] if point.kind == Kind.PITCHFORK else orbits
+
+
+def _turns(point: Bifurcation) -> bool:
+    """True if the parameter of a branch turns at a point."""
+    before, at, after = (
+        point.branch.values[np.clip(k, 0, len(point.branch) - 1)]
+        for k in (point.index - 1, point.index, point.index + 1)
+    )
+    return bool((before - at) * (after - at) > 0)
 
 
 def _ends_doubled(point: Bifurcation) -> bool:
@@ -111,18 +124,20 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     return orbits
 
 
-def _orbit(family: Family, point: BranchPoint) -> PeriodicOrbit:
+def _orbit(family: ParameterFamily, point: BranchPoint) -> PeriodicOrbit:
     """The orbit of a single point."""
     empty = DirectedBranch(float(family.num_periods), (0.0, 0.0), 0)
     return branch_of(family, point, empty, empty).orbit(0)
 
 
+def _across(sequence: Sequence, place: ExtendedCycle, side: float) -> Requests[BranchPoint | None]:
+    """An orbit a short way along the branch of symmetric orbits, from a point at which asymmetric ones turn."""
+    along = yield from crossing_direction(sequence, place)
+    return (yield from first_followed(sequence, place, along, tuple(side * ds for ds in TRIALS_ON_OTHER)))
+
+
 def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> Requests[BranchPoint | None]:
     """An orbit a short way along the null vector of the equations at fixed parameter."""
-    matrix = yield from ask(KernelCall(jacobian, sequence, (place,)))
-    size, num_events = len(place.z), len(place.flights)
-    kept = np.r_[: size + num_events]
-    direction = np.linalg.svd(matrix[np.ix_(kept, kept)])[2][-1]
-    along = ExtendedCycle(direction[:size], direction[size:], np.zeros(()))
+    along, _ = yield from null_vectors(sequence, place)
     lengths = tuple(side * ds for ds in TRIALS_ON_OTHER)
     return (yield from first_followed(sequence, place, along, lengths))

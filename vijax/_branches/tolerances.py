@@ -82,6 +82,14 @@ JUST_BEFORE = 1e-7
 CROSSED, CROSSING_KEPT = 1e-9, 1e-6
 # cycle: largest distance of that point from its first guess.
 CROSSING_NEAR = 1e-2
+# cycle: largest distance of a branch point from a fold that was located for it: the branch is level there, and the equations
+# singular. Share: second derivative of the equations along the crossing branch, relative to all, that a symmetry makes zero.
+PITCHFORK_NEAR, PITCHFORK_ZERO = 1e-4, 1e-6
+# cycle: distance within which a branch point is one listed before. Share: difference of the times of events of two rounds along
+# the crossing branch that is rounding: else the cycle that is gone round doubles its period there.
+SAME_CROSSING, SAME_ROUNDS = 1e-6, 1e-3
+# share: rate of a guard at its event, relative to the largest, below which another impact grazes with one.
+ANOTHER_GRAZING = 1e-6
 # share: imaginary part of a root, relative to the step, that is rounding.
 REAL_ROOT = 1e-9
 # multiplier: largest distance from -1 of one of the cycle of half the period, at the end of a doubled branch.

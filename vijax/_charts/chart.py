@@ -153,7 +153,7 @@ def chart(
 
     ds = refined(axes, stride, run, _KIND if plan.starts is None else (*_KIND, "num_attractors"))
     whole = xr.Dataset({"result": (START, np.concatenate(results))}, attrs={"max_impacts": room})
-    warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite")
+    warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
     unsettled = int((ds["motion"] == MOTIONS.index("not_settled")).sum())
     if unsettled:
         warnings.warn(

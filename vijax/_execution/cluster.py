@@ -39,7 +39,7 @@ class Cluster(AbstractRunner):
         """Run points in chunks, which keep chains whole."""
         settings, (num_points, num_chains) = self.settings, (which.size, which.shape[-1])
         cores = settings.cores or count_cores()
-        size = settings.chunk_of(self.counts.transient + self.counts.record)
+        size = settings.chunk_of(self.counts.work)
         num_chunks = max(
             min(-(-num_points // size), num_chains), min(cores, -(-num_chains // settings.lanes))
         )

@@ -31,9 +31,10 @@ from .._hybrid.transition import Instant
 from .._jax.arrays import append_axes
 from .._jax.xla import as_part, compute_once
 from .._lanes.transform import lanes_last
-from .._machine.machine import Machine
+from .._machine.machine import Machine, in_periods
 from .._machine.state import State, start_period
-from .._trajectory.loop import is_finite
+from .._machine.tables import row_at
+from .._trajectory.loop import is_finite, next_target
 from .._trajectory.observer import Observed, observe
 from .._trajectory.step import advance
 from .._trajectory.tangent_frame import Tangents, advance_with
@@ -53,6 +54,7 @@ class EndStates(eqx.Module):
         tangents: small changes that evolve with the motion, and their growth since the last end of a period. None
             where not requested, and once a point is done.
         observed: extremes and integrals over the recorded periods, see `observer.py`; empty where none is requested.
+        goals: number of given times reached; None where the ends of periods are marks.
     """
 
     state: State
@@ -63,6 +65,12 @@ class EndStates(eqx.Module):
     is_finite: Bool[Array, " points"]
     tangents: Tangents | None = None
     observed: Observed = eqx.field(default_factory=dict)
+    goals: Int[Array, " points"] | None = None
+
+    @property
+    def marks(self) -> Int[Array, " points"]:
+        """Marks passed so far, see `Counts`; those of the transient included."""
+        return self.state.periods if self.goals is None else self.goals
 
 
 class Work(eqx.Module):
@@ -73,7 +81,7 @@ class Work(eqx.Module):
         num_chains: points that start a chain and come first; point k starts where point k - num_chains ended. All
             points, where nothing is carried.
         transient: forcing periods before recording.
-        num_periods: forcing periods in all.
+        num_marks: marks in all, see `Counts`.
         max_steps: most steps of one point, (); of every point or lane, once the loop has its machines.
         max_impacts: most recorded impacts of one point that are logged.
         max_turns: turns of the loop after which it returns to the host.
@@ -82,7 +90,7 @@ class Work(eqx.Module):
     num_points: Int[Array, ""]
     num_chains: Int[Array, ""]
     transient: Int[Array, ""]
-    num_periods: Int[Array, ""]
+    num_marks: Int[Array, ""]
     max_steps: Int[Array, "..."]
     max_impacts: Int[Array, ""]
     max_turns: Int[Array, ""]
@@ -115,6 +123,7 @@ class LaneTask(eqx.Module):
         point: point of each lane; the number of points or more, if it has none.
         enough: number of working lanes at which, or below which, the loop ends.
         last_turn: turn at which the loop ends in any case.
+        times: given times of the marks, (marks, 1); None where the ends of periods are marks.
     """
 
     flow: AbstractFlow
@@ -124,6 +133,19 @@ class LaneTask(eqx.Module):
     point: Int[Array, " lanes"]
     enough: Int[Array, ""]
     last_turn: Int[Array, ""]
+    times: Float[Array, "marks 1"] | None = None
+
+    @property
+    def span(self) -> Float[Array, "..."]:
+        """Time to which rounding errors of times are relative."""
+        return self.machine.period if self.times is None else self.times[-1]
+
+    def target(self, lanes: EndStates) -> tuple[Float[Array, "..."], Bool[Array, "..."] | None]:
+        """Local time at which a step ends at the latest, and whether a mark is there; None where each is one."""
+        if self.times is None or lanes.goals is None:
+            return self.machine.period, None
+        goal = in_periods(self.machine, row_at(self.times, lanes.goals))
+        return next_target(self.machine, lanes.state, goal)
 
 
 def run_turns(progress_and_task: tuple[Progress, LaneTask]) -> tuple[Progress, LaneTask]:
@@ -140,7 +162,7 @@ def run_turns(progress_and_task: tuple[Progress, LaneTask]) -> tuple[Progress, L
 def is_live(work: Work, lanes: EndStates, point: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
     """Lanes with work left."""
     is_on = lanes.is_finite & (lanes.steps < work.max_steps) & (point < work.num_points)
-    return is_on & (lanes.state.periods < work.num_periods)
+    return is_on & (lanes.marks < work.num_marks)
 
 
 def has_room(progress: Progress) -> Bool[Array, ""]:
@@ -156,8 +178,8 @@ class Recorded(NamedTuple):
     Attributes:
         is_impact: flags of impacts to be logged, (stops,).
         impact: the impacts.
-        is_end: whether a recorded period ends, ().
-        end: the end of the period.
+        is_end: whether a mark is passed, ().
+        end: the state there.
     """
 
     is_impact: Bool[Array, "stops ..."]
@@ -180,20 +202,22 @@ def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
     """A step of every lane, and its records."""
     machine = task.machine
     state, live = lanes.state, compute_once(is_live, task.work, lanes, task.point)
-    resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
-    step = task.flow, machine, state, machine.period, resolution
+    resolution = 4 * jnp.finfo(state.x.dtype).eps * task.span
+    target, at_mark = task.target(lanes)
+    step = task.flow, machine, state, target, resolution
     if lanes.tangents is None:
         call = lanes_last(advance) if is_written_out(task) else advance
         (after, instant), tangents = call(*step), None
     else:
         after, instant, tangents = advance_with(lanes.tangents, *step)
-    return as_part(_recorded, task, lanes, live, after, instant, tangents)
+    return as_part(_recorded, task, lanes, live, at_mark, after, instant, tangents)
 
 
 def _recorded(
     task: LaneTask,
     lanes: EndStates,
     live: Bool[Array, " lanes"],
+    at_mark: Bool[Array, " lanes"] | None,
     after: State,
     instant: Instant,
     tangents: Tangents | None,
@@ -201,10 +225,12 @@ def _recorded(
     """The lanes after a step, and its records."""
     machine, work, state = task.machine, task.work, lanes.state
     finite = is_finite(after)
-    counted = live & (state.periods >= work.transient)
+    counted = live & (lanes.marks >= work.transient)
+    passes = instant.arrived if at_mark is None else instant.arrived & at_mark
+    is_over = instant.arrived if at_mark is None else instant.arrived & ~at_mark
     passed = (state.periods - work.transient) * machine.period + instant.time
     hit = instant.hit & counted
-    after = start_period(after, task.phase0, instant.arrived)
+    after = start_period(after, task.phase0, is_over)
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
     stop, velocity = jnp.arange(len(hit)), machine.contacts.signed(instant.velocity_minus)
     if (of_stops := machine.velocity_of_stops(after.phase)) is not None:
@@ -230,17 +256,18 @@ def _recorded(
         is_finite=lanes.is_finite & (finite | ~live),
         tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), kept, lanes.tangents),
         observed=observed,
+        goals=None if lanes.goals is None else lanes.goals + (live & passes),
     )
     x, v = machine.in_space(moved.state)
     end = PeriodEnd(
         point=task.point,
-        period=state.periods - work.transient,
+        mark=lanes.marks - work.transient,
         x=x,
         v=v,
         held_time=moved.held_time,
         growth=None if tangents is None else tangents.growth,
     )
-    is_impact, is_end = hit & (number < work.max_impacts), counted & instant.arrived
+    is_impact, is_end = hit & (number < work.max_impacts), counted & passes
     return moved, Recorded(is_impact, impact, is_end, end)
 
 

@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
@@ -81,12 +81,14 @@ class LaneProgram(NamedTuple):
         can_stick: whether any stop of any point may hold its mass.
         has_tangents: whether small changes evolve with the motions.
         observed: names of what is observed, see `observer.py`.
+        is_timed: whether marks are given times, see `Counts`.
     """
 
     layout: PointLayout
     can_stick: bool
     has_tangents: bool = False
     observed: tuple[str, ...] = ()
+    is_timed: bool = False
 
 
 # Most masses, stops or harmonics of a machine in one kernel: in larger ones products of matrices take longer than by a
@@ -143,6 +145,8 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
     def nothing(size: int) -> EndStates:
         real, whole = jnp.zeros(size, dtype), jnp.zeros(size, int)
         of_stops = jnp.zeros((stops, size), dtype)
+        is_tied = points.numbers.has_tied_friction
+        mode = None if points.numbers.laws is None else idle_mode(of_stops, is_tied=is_tied)
         state = State(
             periods=whole,
             time=real,
@@ -154,12 +158,13 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
             held=of_stops.astype(bool),
             contact=of_stops.astype(jnp.int8),
             memory=points.flow.memory(real),
-            mode=None if points.numbers.laws is None else idle_mode(of_stops),
+            mode=mode,
             knots=None if knots is None else knots.blank(real),
         )
         counts = of_stops.astype(int), of_stops.astype(int)
         observed = nothing_observed(program.observed, state, num_stops)
-        return EndStates(state, *counts, of_stops, whole, whole.astype(bool), observed=observed)
+        goals = whole if program.is_timed else None
+        return EndStates(state, *counts, of_stops, whole, whole.astype(bool), None, observed, goals)
 
     impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # room for one turn at least
     marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype, has_growth=has_tangents)
@@ -172,7 +177,11 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
 
 
 def run_lanes(
-    program: LaneProgram, packed: PackedPoints, counts: Int[np.ndarray, " counts"], queue: Queue
+    program: LaneProgram,
+    packed: PackedPoints,
+    counts: Int[np.ndarray, " counts"],
+    times: Float[np.ndarray, " marks"] | None,
+    queue: Queue,
 ) -> tuple[Queue, Bool[Array, ""]]:
     """Work on the queue until it is empty, the log full, or a number of turns done.
 
@@ -180,16 +189,21 @@ def run_lanes(
         program: the static choices.
         packed: the points, see `Points`.
         counts: the entries of `Work`.
+        times: given times of the marks, padded with the last; None where the ends of periods are marks.
         queue: present state of the work, which is used up. The log is written from its beginning.
 
     Returns:
         The queue after that, and a flag that work is left.
     """
-    return lane_programs(program, packed, counts, queue)
+    return lane_programs(program, packed, counts, times, queue)
 
 
 def _run_lanes(
-    program: LaneProgram, packed: PackedPoints, counts: Int[Array, " counts"], queue: Queue
+    program: LaneProgram,
+    packed: PackedPoints,
+    counts: Int[Array, " counts"],
+    times: Float[Array, " marks"] | None,
+    queue: Queue,
 ) -> tuple[Queue, Bool[Array, ""]]:
     work = Work(*counts)
     last_turn = queue.progress.turns + work.max_turns
@@ -198,7 +212,7 @@ def _run_lanes(
     def feed(queue: Queue) -> Queue:
         own = rows[jnp.minimum(queue.point, len(rows) - 1)].T
         points = unpack(program.layout, PackedPoints(own, packed.shared))
-        task = _task(points, program, work, queue, last_turn)
+        task = _task(points, program, work, times, queue, last_turn)
         lanes = _started(points, task, queue)
         run = run_turns
         if _fit_one_kernel(points, queue.point.size):
@@ -240,12 +254,17 @@ def _is_waiting(work: Work, queue: Queue) -> Bool[Array, ""]:
 
 
 def _task(
-    points: Points, program: LaneProgram, work: Work, queue: Queue, last_turn: Int[Array, ""]
+    points: Points,
+    program: LaneProgram,
+    work: Work,
+    times: Float[Array, " marks"] | None,
+    queue: Queue,
+    last_turn: Int[Array, ""],
 ) -> LaneTask:
     """Constants of the loop: the points of the lanes, prepared."""
     numbers, x0, v0 = points.numbers, points.x0, points.v0
-    period = 2 * jnp.pi / numbers.frequency
-    machine = prepare(numbers, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=program.can_stick)
+    span = 2 * jnp.pi / numbers.frequency if times is None else times[-1:]
+    machine = prepare(numbers, span, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=program.can_stick)
     zeros = jnp.zeros((machine.waves.num_harmonics, 1), x0.dtype)
     num_lanes = queue.point.size
     num_busy = jnp.sum(queue.point < work.num_points)
@@ -254,20 +273,24 @@ def _task(
         flow=points.flow.prepare(machine),
         machine=machine,
         phase0=machine.with_tables(jnp.stack([zeros + 1, zeros])),
-        work=_bounded(work, machine, num_lanes),
+        work=_bounded(work, machine, times, num_lanes),
         point=queue.point,
         enough=enough,
         last_turn=last_turn,
+        times=None if times is None else times[:, None],
     )
 
 
-def _bounded(work: Work, machine: Machine, num_lanes: int) -> Work:
+def _bounded(work: Work, machine: Machine, times: Float[Array, " marks"] | None, num_lanes: int) -> Work:
     """The request with a bound on the steps of every lane: as given, or far more than a sound motion takes.
 
     Impacts add steps in every period to those of the motion itself.
     """
-    least = 100_000 + 10_000 * work.num_periods.astype(machine.rate.dtype)
-    ample = default_max_steps(machine, work.num_periods * machine.period, least)
+    if times is None:
+        least = 100_000 + 10_000 * work.num_marks.astype(machine.rate.dtype)
+        ample = default_max_steps(machine, work.num_marks * machine.period, least)
+    else:
+        ample = default_max_steps(machine, times[-1:])
     bound = jnp.where(work.max_steps == AUTOMATIC_MAX_STEPS, ample, work.max_steps)
     return eqx.tree_at(lambda w: w.max_steps, work, jnp.broadcast_to(bound, num_lanes))
 
@@ -289,6 +312,7 @@ def _started(points: Points, task: LaneTask, queue: Queue) -> EndStates:
         is_finite=jnp.ones_like(lanes.is_finite),
         tangents=None if lanes.tangents is None else first_tangents(lanes.state.x),
         observed=nothing_observed(tuple(lanes.observed), lanes.state, task.machine.contacts.num_stops),
+        goals=None if lanes.goals is None else jnp.zeros_like(lanes.goals),
     )
     return jax.tree.map(lambda new, old: jnp.where(queue.is_new, new, old), fresh, lanes)
 

@@ -78,20 +78,22 @@ class PackedPoints(NamedTuple):
 
 
 def pack(
-    tree: PyTree, which: Int[np.ndarray, " points"], *, all_own: bool
+    tree: PyTree, which: Int[np.ndarray, " points"], *, repeated: PyTree | bool
 ) -> tuple[PointLayout, PackedPoints]:
     """Pack arrays, points last, for some points.
 
     Args:
         tree: arrays whose last axis has all points, or a length of one where all share the numbers.
         which: the points.
-        all_own: whether shared numbers are repeated for every point, so that the layout does not depend on them.
+        repeated: whether shared numbers are repeated for every point, so that the layout does not depend on them; a flag
+            for all arrays, or a tree of flags.
     """
     arrays, structure = jax.tree.flatten(tree)
     arrays = [np.asarray(a) for a in arrays]
-    layout = PointLayout(
-        structure, tuple(Leaf(a.shape[:-1], a.dtype, all_own or a.shape[-1] > 1) for a in arrays)
-    )
+    flags = [repeated] * len(arrays) if isinstance(repeated, bool) else jax.tree.leaves(repeated)
+    is_own = [flag or a.shape[-1] > 1 for flag, a in zip(flags, arrays, strict=True)]
+    kinds = [Leaf(a.shape[:-1], a.dtype, own) for a, own in zip(arrays, is_own, strict=True)]
+    layout = PointLayout(structure, tuple(kinds))
     packed = layout.empty(which.size)
     rows = {True: packed.own, False: packed.shared[:, None]}
     for leaf, place, a in zip(layout.leaves, layout.places(), arrays, strict=True):

@@ -41,11 +41,11 @@ class Impact(eqx.Module):
 
 
 class PeriodEnd(eqx.Module):
-    """States of points at the ends of recorded periods, rows first.
+    """States of points at the ends of recorded periods, or at given times, rows first.
 
     Attributes:
         point: index of the point.
-        period: the recorded period that ends.
+        mark: number of the recorded period that ends, or of the time.
         x: positions in space, (rows, n).
         v: velocities in space, (rows, n).
         held_time: time for which each stop held its mass so far, (rows, stops).
@@ -53,7 +53,7 @@ class PeriodEnd(eqx.Module):
     """
 
     point: Column
-    period: Column
+    mark: Column
     x: Column
     v: Column
     held_time: Column

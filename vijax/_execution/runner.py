@@ -15,7 +15,19 @@ from .records import Impact, joined
 class Counts:
     """Arguments of `sweep` for every point.
 
-    `max_steps` is None where every point has its own bound, `observed` names what is observed besides, see `observer.py`.
+    A motion passes marks, at which its state is recorded: the ends of forcing periods, or given times, of which the last is
+    the end of the motion.
+
+    Attributes:
+        transient: forcing periods before the first mark; 0 where times are given.
+        record: number of marks.
+        max_impacts: room for the recorded impacts of a point.
+        max_steps: most steps; None where every point has its own bound.
+        can_stick: whether any stop of any point may hold its mass.
+        lyapunov: whether exponents are computed.
+        observed: names of what is observed besides, see `observer.py`.
+        times: times of the marks; None for the ends of forcing periods.
+        own_work: rough number of oscillations of a motion to given times.
     """
 
     transient: int
@@ -25,6 +37,13 @@ class Counts:
     can_stick: bool
     lyapunov: bool = False
     observed: tuple[str, ...] = ()
+    times: tuple[float, ...] | None = None
+    own_work: int = 0
+
+    @property
+    def work(self) -> int:
+        """Forcing periods of a point, or a rough number of oscillations: the sizes of chunks follow from it."""
+        return self.transient + self.record if self.times is None else self.own_work
 
 
 @dataclass(frozen=True)
@@ -32,9 +51,9 @@ class PointResults:
     """Results of some points.
 
     Attributes:
-        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite`, and for the end of each
-            recorded period `section_x`, `section_v`, `section_held_time`, `section_growth` (see `Mark`), (...,
-            periods, points), and what is observed, by its names. Points are the last axis of all.
+        ends: `x`, `v`, `held`, `periods` (marks, the transient included), `num_impacts`, `num_sticks`, `steps`, `is_finite`, and for each
+            mark `section_x`, `section_v`, `section_held_time`, `section_growth` (see `Mark`), (...,
+            marks, points), and what is observed, by its names. Points are the last axis of all.
         impacts: recorded impacts, in any order.
         lane_steps: steps of all lanes, idle ones included.
     """

@@ -100,6 +100,7 @@ def open_store(
     manifest: dict[str, Any],
     runner: AbstractRunner,
     settings: ExecutionSettings,
+    work: int,
 ) -> Store:
     """Begin a store, or continue one that holds the same sweep.
 
@@ -108,13 +109,14 @@ def open_store(
         manifest: description of the sweep, see `describe_sweep`.
         runner: runs the points without results.
         settings: chunk sizes of a new store.
+        work: of a point, see `Counts`.
 
     Raises:
         ValueError: if the folder holds something else; the message says what differs.
     """
     folder, file = Path(path), Path(path) / _MANIFEST
     if not file.exists():
-        _begin(folder, manifest, settings)
+        _begin(folder, manifest, settings, work)
     # Read the manifest even after `_begin`: another process may have written it.
     size = read_manifest(folder, _MANIFEST, manifest, lambda recorded: int(recorded["points_per_chunk"]))
     digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
@@ -149,7 +151,7 @@ def read_manifest(
     return recorded
 
 
-def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) -> None:
+def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings, work: int) -> None:
     """Write the manifest, unless another process does at this moment."""
     file = folder / _MANIFEST
     if folder.exists():
@@ -158,8 +160,7 @@ def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) 
             raise ValueError(
                 f"Argument `store` must name a new or empty folder, or a store, but {folder} is neither."
             )
-    periods = manifest["transient"] + manifest["record"]
-    size = (settings.cores or count_cores()) * settings.chunk_of(periods)
+    size = (settings.cores or count_cores()) * settings.chunk_of(work)
     text = json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1)
     with naming_argument("store", folder):
         folder.mkdir(parents=True, exist_ok=True)

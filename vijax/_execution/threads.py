@@ -1,5 +1,6 @@
 """Runner on this machine: a queue of points on every core."""
 
+import math
 import os
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -16,7 +17,8 @@ from .._flow.interface import AbstractFlow
 from .._jax.memory_maps import make_room
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
-from .._machine.numbers import numbers_of
+from .._machine.numbers import numbers_of, with_base
+from .._trajectory.observer import OF_BASE
 from .lane_queue import LaneProgram, Points, Queue, are_small, new_queue, run_lanes
 from .packed import pack
 from .points import LaneInput
@@ -27,6 +29,8 @@ from .settings import ExecutionSettings
 # A program is compiled once, not by every thread. Programs that this process has, by what they are compiled for.
 _COMPILING = Lock()
 _COMPILED: set[Hashable] = set()
+# Most numbers in the tables of all points of a queue, 32 megabytes.
+_OF_TABLES = 1 << 22
 _ALL_BUT_TURNS = np.array([1, 1, 1, 1, 1, 1, 0])
 
 
@@ -53,7 +57,10 @@ class Threads(AbstractRunner):
     def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
         """Run points in threads, a queue in each."""
         make_room()
-        own = Points(numbers_of(points.system), self.flow, points.x0, points.v0)
+        numbers = numbers_of(points.system)
+        if set(OF_BASE) & set(self.counts.observed):
+            numbers = with_base(numbers, points.system)
+        own = Points(numbers, self.flow, points.x0, points.v0)
         num_queues, shape = self._sizes(own, which)
         shares = split_evenly(points, which, num_queues)
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
@@ -76,8 +83,8 @@ class Threads(AbstractRunner):
         """
         in_all = points.x0.shape[-1] if self.in_all is None else self.in_all
         num_lanes = self.settings.lanes
-        is_wide = in_all > num_lanes or are_small(points)
-        width = max(self.settings.points, num_lanes) if is_wide else num_lanes
+        is_wide = in_all > num_lanes or (are_small(points) and points.numbers.tables is None)
+        width = max(min(self.settings.points, _most_points(points)), num_lanes) if is_wide else num_lanes
         cores = self.settings.cores or count_cores()
         num_queues = max(-(-which.size // width), min(cores, -(-which.shape[-1] // num_lanes)))
         return num_queues, (width, num_lanes)
@@ -125,7 +132,7 @@ def _run_queue(
             tell(done - reported)
             reported = done
     ends, state = queue.ends, queue.ends.state
-    columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
+    columns = {"x": state.x, "v": state.v, "held": state.held, "periods": ends.marks} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
     columns |= ends.observed
@@ -142,7 +149,7 @@ def _sections(marks: PeriodEnd, record: int, num_points: int) -> dict[str, np.nd
         if rows is None:
             continue
         table = np.zeros((rows.shape[1], record, num_points), rows.dtype)
-        table[:, marks.period, marks.point] = rows.T
+        table[:, marks.mark, marks.point] = rows.T
         tables[f"section_{name}"] = table
     return tables
 
@@ -153,8 +160,9 @@ def _start(
     """A call that works on the queue of some points, filled up to one width, and the new queue."""
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - share.size, int))
-    layout, packed = pack(points, filled, all_own=_are_all_own(points))
-    program = LaneProgram(layout, counts.can_stick, counts.lyapunov, counts.observed)
+    layout, packed = pack(points, filled, repeated=_repeated(points))
+    times = None if counts.times is None else _padded(counts.times, packed.own.dtype)
+    program = LaneProgram(layout, counts.can_stick, counts.lyapunov, counts.observed, times is not None)
     periods = (counts.transient, counts.transient + counts.record)
     max_steps = AUTOMATIC_MAX_STEPS if counts.max_steps is None else counts.max_steps
     work = np.array(
@@ -162,14 +170,36 @@ def _start(
         jax.dtypes.canonicalize_dtype(int),
     )
     queue = new_queue(program, width, num_lanes, settings)
-    call = partial(run_lanes, program, packed, work)
-    key = program, shape, packed.own.dtype, settings
+    call = partial(run_lanes, program, packed, work, times)
+    key = program, shape, packed.own.dtype, settings, 0 if times is None else len(times)
     with _COMPILING if key not in _COMPILED else nullcontext():
         if key not in _COMPILED:
             # Compiles, and takes no turn yet.
-            queue, _ = run_lanes(program, packed, work * _ALL_BUT_TURNS, queue)
+            queue, _ = run_lanes(program, packed, work * _ALL_BUT_TURNS, times, queue)
             _COMPILED.add(key)
     return call, queue
+
+
+def _padded(times: tuple[float, ...], dtype: np.dtype) -> np.ndarray:
+    """Times of marks, the last repeated up to a power of two, so that one program serves many numbers of them."""
+    size = 1 << (len(times) - 1).bit_length()
+    return np.asarray((*times, *times[-1:] * (size - len(times))), dtype)
+
+
+def _most_points(points: Points) -> int:
+    """Most points of a queue whose own tables of the load fit into some megabytes: a power of two."""
+    rows = [math.prod(a.shape[:-1]) for a in jax.tree.leaves(points.numbers.tables) if a.shape[-1] > 1]
+    return 1 << (_OF_TABLES // max(sum(rows), 1)).bit_length() - 1
+
+
+def _repeated(points: Points) -> Points | bool:
+    """Flags of the numbers that are repeated for every point; tables of loads, which are long, are not."""
+    are_own = _are_all_own(points)
+    if points.numbers.tables is None:
+        return are_own
+    flags = jax.tree.map(lambda _: are_own, points)
+    of_tables = jax.tree.map(lambda _: False, points.numbers.tables)
+    return eqx.tree_at(lambda p: p.numbers.tables, flags, of_tables)
 
 
 def _are_all_own(points: Points) -> bool:

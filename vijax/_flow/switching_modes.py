@@ -4,8 +4,8 @@ Slip is a constant load and leaves the modes. Friction that sticks, a rigid cont
 preloaded compliant contact hold a mass. A closed compliant contact on a mass that moves adds its spring and damper.
 
 `switching_modal_flow` returns None where this does not apply: traced numbers of matrices and springs; rows that name several
-masses; belts and contacts that move; more than 8 sets or 2 elements; or where the modes of a set lose digits, see `modes.py`. `TaylorFlow`
-serves these machines.
+masses; belts and contacts that move; friction of contacts; more than 8 sets or 2 elements; or where the modes of a set lose digits,
+see `modes.py`. `TaylorFlow` serves these machines.
 """
 
 from itertools import combinations
@@ -60,7 +60,7 @@ _Element = tuple[int, np.ndarray, np.ndarray, bool]
 
 
 def _elements(system: ImpactSystem) -> list[_Element] | None:
-    """Elements of a machine; None where one names several masses, may move, or is traced."""
+    """Elements of a machine; None where one names several masses, may move, is traced, or is friction of a contact."""
     found: list[_Element] = []
     for element in (*system.stops, *system.friction):
         if len(element.coefficients) != 1:
@@ -74,7 +74,7 @@ def _elements(system: ImpactSystem) -> list[_Element] | None:
         if len(known) < len(numbers):
             return None
         if isinstance(element, Friction):
-            if known[1].any():
+            if element.is_tied or known[1].any():
                 return None
         elif element.motion is not None:
             return None

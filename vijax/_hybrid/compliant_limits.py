@@ -26,7 +26,7 @@ def is_resting(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
     return state.held & machine.contacts.are(COMPLIANT)
 
 
-def _spring_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
+def spring_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
     del hold
     laws = machine.contacts.laws
     speed, acceleration, jerk = approaches(machine, state, now)
@@ -37,7 +37,7 @@ def _spring_derivatives(machine: Machine, state: State, hold: Held, now: Rates) 
     ]
 
 
-def _spring_rest(machine: Machine, rests: tuple[Array, ...], hold: Held) -> Array:
+def spring_rest(machine: Machine, rests: tuple[Array, ...], hold: Held) -> Array:
     """Bound of the third Taylor coefficient of N: that of d is a part of the jerk, that of d' of its rate."""
     del hold
     x_rest, _, third, _ = rests
@@ -45,7 +45,7 @@ def _spring_rest(machine: Machine, rests: tuple[Array, ...], hold: Held) -> Arra
     return laws.stiffness * contacts.third_rest(third) + 4 * laws.damping * contacts.rest(x_rest)
 
 
-def _spring_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
+def spring_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
     laws = machine.contacts.laws
     depth = scaled(-1, GAP.series(machine, state, hold, series))
     springs = scaled(laws.stiffness, depth[:-1])
@@ -75,11 +75,11 @@ SPRING = Limit(
     # Without a damper the depth is equivalent, and loses fewer digits.
     is_active=lambda machine, state: state.mode.closed & (machine.contacts.laws.damping > 0),
     value=lambda machine, state, hold: machine.contacts.spring_force(state.gap, machine.approach(state)),
-    slope=lambda machine, state, hold, now: _spring_derivatives(machine, state, hold, now)[1],
-    derivatives=_spring_derivatives,
+    slope=lambda machine, state, hold, now: spring_derivatives(machine, state, hold, now)[1],
+    derivatives=spring_derivatives,
     order=3,
-    rest=_spring_rest,
-    series=_spring_series,
+    rest=spring_rest,
+    series=spring_series,
     leading_zeros=lambda state: state.mode.begins,
     near=GAP.near,
 )
@@ -88,12 +88,10 @@ LAG = Limit(
     is_active=lambda machine, state: state.mode.inside,
     value=lambda machine, state, hold: -SPRING.value(machine, state, hold),
     slope=lambda machine, state, hold, now: -SPRING.slope(machine, state, hold, now),
-    derivatives=lambda machine, state, hold, now: [
-        -a for a in _spring_derivatives(machine, state, hold, now)
-    ],
+    derivatives=lambda machine, state, hold, now: [-a for a in spring_derivatives(machine, state, hold, now)],
     order=3,
-    rest=_spring_rest,
-    series=lambda machine, state, hold, series: scaled(-1, _spring_series(machine, state, hold, series)),
+    rest=spring_rest,
+    series=lambda machine, state, hold, series: scaled(-1, spring_series(machine, state, hold, series)),
     leading_zeros=lambda state: state.mode.begins,
     near=GAP.near,
 )

@@ -14,6 +14,8 @@ bounces. A relative velocity at the level of rounding makes its impact plastic, 
 pressed together also stop bouncing.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -105,12 +107,44 @@ def impact(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[State, Instant, Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """State after the impacts, their velocities and impulses, the closed contacts that they tear open, and all impulses."""
-    contacts, hit = machine.contacts, instant.hit
-    speed = jnp.where(hit, instant.velocity_minus, 0)
-    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
+    struck = struck_speeds(machine, state, instant)
+    speed, restitution, closed = struck
     q = -(1 + restitution) * speed
-    closed = contacts.is_rigid & (state.held | state.is_kept_closed)
-    _, impulse, rest = solve_complementarity(contacts.compliance, q, hit | closed)
+    _, impulse, rest = solve_complementarity(machine.contacts.compliance, q, instant.hit | closed)
+    after, instant, is_open = after_impulses(machine, state, instant, struck, impulse, rest)
+    return after, instant, is_open, impulse
+
+
+class Struck(NamedTuple):
+    """Before an impact: speeds of approach to the contacts hit, their restitution coefficients, and flags of closed contacts."""
+
+    speed: Float[Array, "stops ..."]
+    restitution: Float[Array, "stops ..."]
+    closed: Bool[Array, "stops ..."]
+
+
+def struck_speeds(machine: Machine, state: State, instant: Instant) -> Struck:
+    """Speeds, restitution coefficients and closed contacts for the law of impacts."""
+    contacts = machine.contacts
+    speed = jnp.where(instant.hit, instant.velocity_minus, 0)
+    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
+    return Struck(speed, restitution, contacts.is_rigid & (state.held | state.is_kept_closed))
+
+
+def after_impulses(
+    machine: Machine,
+    state: State,
+    instant: Instant,
+    struck: Struck,
+    impulse: Float[Array, "stops ..."],
+    rest: Float[Array, "stops ..."],
+) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
+    """State after impulses along the rows, velocities of the impacts, and flags of closed contacts that they tear open.
+
+    `rest` is by how much contacts open faster than by their restitution.
+    """
+    contacts, hit = machine.contacts, instant.hit
+    speed, restitution, closed = struck
     v = state.v - contacts.inverse_mass_times(contacts.back(impulse))
     is_open = closed & (rest > 0)
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
@@ -125,7 +159,7 @@ def impact(
     contact = jnp.where(hit | is_open | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
-    return after, instant, is_open, impulse
+    return after, instant, is_open
 
 
 def _stick_and_release(

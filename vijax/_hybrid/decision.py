@@ -18,29 +18,26 @@ above its force can have several; the motion of all others is unique. Rows that 
 with them, whatever their forces: these are not unique, and those of bounds (grip, preload, zero) with independent rows
 between are enough. So elements side by side, or around a loop, hold as long as some forces within their bounds do.
 
-Up to `_ENUMERATED` elements at rest all sets are tried, one after the other. Of more, the first are the starts of pivots:
-all elements in conflict change their act at once, later one at a time (as principal pivots of linear complementarity:
-K. G. Murty, Linear Algebra Appl. 7 (1974)).
+Friction of a contact has the grip mu N, N the force of the contact. Where it slips, its force mu N s goes with that of the
+contact, and whether a contact holds depends on it: all are decided together. Friction of a contact that opens has no part. With
+it a set that stands need not exist (Painleve).
 """
 
 from typing import NamedTuple
 
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from .._jax.concrete import stop_gradients
-from .._jax.xla import is_any
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import SATURATED, State
 from .._machine.switching import FRICTION, RIGID
+from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
 from .just_after import just_after, sign_just_after
 
-# Number of elements at rest up to which all sets are tried; of more, number of starts, of pivots from each, and of those
-# that change several acts at once.
-_ENUMERATED, _STARTS, _PIVOTS, _JOINT_PIVOTS = 5, 27, 64, 16
-# Score of a conflict, of friction at rest, of any other element at rest.
-_CONFLICT, _STICKS, _HOLDS = -10_000, 100, 1
+# Number of elements at rest up to which all sets are tried, of friction of contacts: three contacts with friction each.
+_ENUMERATED, _ENUMERATED_OF_TIED = 5, 6
 
 
 class AtRest(NamedTuple):
@@ -64,6 +61,7 @@ class Decision(NamedTuple):
         kept: flags of elements at rest whose row depends on those held; friction that gives way there has its grip.
         depends: flags of all other elements whose rows depend on those held.
         jumps: flags of elements that move away with an acceleration, not with a jerk alone.
+        is_paradox: whether no set of acts stands; None without friction of contacts.
     """
 
     act: Int[Array, "contacts ..."]
@@ -71,84 +69,71 @@ class Decision(NamedTuple):
     kept: Bool[Array, "contacts ..."]
     depends: Bool[Array, "contacts ..."]
     jumps: Bool[Array, "contacts ..."]
+    is_paradox: Bool[Array, "..."] | None = None
 
 
 def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
     """Decide what the elements at rest do; in `state.mode` they have no part."""
     machine, state = stop_gradients((machine, state))
-    machine = machine.in_mode(state)
-    force = machine.total_force(state)
-    elements = at_rest.elements
-    count = jnp.sum(elements, axis=0)
-    is_listed = count <= _ENUMERATED
+    elements, is_tied = at_rest.elements, machine.has_tied_friction
     most = jnp.sum(jnp.where(elements, _worth(machine), 0), axis=0)
-
-    def goes_on(carry: _Search) -> Array:
-        is_over = (carry.best.score >= jnp.where(is_listed, most, 0)) | carry.is_last
-        return is_any(~is_over & (is_listed | (carry.turn < _STARTS * _PIVOTS)))
-
-    def turned(carry: _Search) -> _Search:
-        found = _judged(machine, state, force, at_rest, carry.acts)
-        best = jax.tree.map(lambda a, b: jnp.where(found.score > carry.best.score, a, b), found, carry.best)
-        turn = carry.turn + 1
-        following, is_last = _next_set(elements, carry.start)
-        starts_anew = is_listed | (turn % _PIVOTS == 0)
-        start = jnp.where(starts_anew, following, carry.start)
-        changes = found.proposed != carry.acts
-        first_change = changes & (jnp.cumsum(changes, axis=0) == 1)
-        is_single = turn % _PIVOTS > _JOINT_PIVOTS
-        pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, carry.acts)
-        is_last = carry.is_last | (is_listed & is_last)
-        return _Search(turn, start, jnp.where(starts_anew, start, pivoted), is_last, best)
-
     none, still = jnp.zeros_like(elements), jnp.zeros_like(at_rest.at_bound)
-    lowest = jnp.full_like(count, 2 * len(elements) * _CONFLICT)
-    nothing = _Judged(lowest, still, Decision(still, none, none, none, none))
-    search = _Search(jnp.array(0), still, still, jnp.zeros_like(count, bool), nothing)
-    return jax.lax.while_loop(goes_on, turned, search).best.decision
-
-
-class _Judged(NamedTuple):
-    """A set of acts: its score, not negative if it stands; the acts after a pivot; what it means."""
-
-    score: Int[Array, "..."]
-    proposed: Int[Array, "contacts ..."]
-    decision: Decision
-
-
-class _Search(NamedTuple):
-    """Search among sets of acts: the number of turns, the last set begun with, the next one, and the best so far."""
-
-    turn: Int[Array, ""]
-    start: Int[Array, "contacts ..."]
-    acts: Int[Array, "contacts ..."]
-    is_last: Bool[Array, "..."]
-    best: _Judged
+    nothing = Decision(still, none, none, none, none)
+    if is_tied:
+        judge = lambda act: _judged_with_drag(machine, state, at_rest, act)  # noqa: E731
+    else:
+        machine = machine.in_mode(state)
+        force = machine.total_force(state)
+        judge = lambda act: _judged(machine, state, force, at_rest, act)  # noqa: E731
+    best = search_acts(
+        judge,
+        elements,
+        still,
+        most,
+        nothing,
+        enumerated=_ENUMERATED_OF_TIED if is_tied else _ENUMERATED,
+        has_two=machine.contacts.are(RIGID) if is_tied else None,
+    )
+    if not is_tied:
+        return best.found
+    is_paradox = (best.score < 0) & jnp.any(elements, axis=0)
+    return best.found._replace(is_paradox=is_paradox)
 
 
 def _worth(machine: Machine) -> Array:
-    return jnp.where(machine.contacts.are(FRICTION), _STICKS, _HOLDS)
+    return jnp.where(machine.contacts.are(FRICTION), STICKS, HOLDS)
 
 
-def _next_set(elements: Array, acts: Array) -> tuple[Int[Array, "contacts ..."], Bool[Array, "..."]]:
-    """The set that follows, acts 0, -1, 1 counted upwards from the first element at rest; and whether it is the first again."""
+def _judged_with_drag(machine: Machine, state: State, at_rest: AtRest, act: Array) -> Judged:
+    """`_judged` of a machine with friction of contacts, with the forces of slip that a set of acts leads to."""
+    contacts, elements = machine.contacts, at_rest.elements
+    parted = contacts.are_tied & contacts.at_normal(elements) & (contacts.at_normal(act) == -1)
+    holds = elements & (act == 0) & ~parted
+    slips = elements & contacts.are(FRICTION) & ~holds & ~parted
+    side = act * jnp.where(contacts.depend_on(holds), SATURATED, 1)
+    direction = jnp.where(slips & contacts.are_tied, side, state.mode.direction).astype(jnp.int8)
+    state = eqx.tree_at(lambda s: s.mode.direction, state, direction)
+    here = machine.in_mode(state)
+    return _judged(here, state, here.total_force(state), at_rest, act, parted)
 
-    def count(carries: Array, one: tuple[Array, Array]) -> tuple[Array, Array]:
-        is_at_rest, act = one
-        # 0 -> -1 -> 1 -> 0.
-        turned = jnp.where(act == 0, -1, jnp.where(act < 0, 1, 0)).astype(act.dtype)
-        return carries & (~is_at_rest | (act > 0)), jnp.where(carries & is_at_rest, turned, act)
 
-    carries, acts = jax.lax.scan(count, jnp.ones_like(elements[0]), (elements, acts))
-    return acts, carries
+def _judged(
+    machine: Machine,
+    state: State,
+    force: Array,
+    at_rest: AtRest,
+    act: Array,
+    parted: Bool[Array, "contacts ..."] | None = None,
+) -> Judged:
+    """Judge a set of acts by the forces and accelerations that it leads to, and their derivatives.
 
-
-def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: Array) -> _Judged:
-    """Judge a set of acts by the forces and accelerations that it leads to, and their derivatives."""
+    `parted` are flags of friction whose contact opens.
+    """
     contacts, elements = machine.contacts, at_rest.elements
     laws, are = contacts.laws, contacts.are
     friction, rigid = are(FRICTION), are(RIGID)
     holds = elements & (act == 0)
+    holds = holds if parted is None else holds & ~parted
     hold = contacts.hold(holds)
     depends = contacts.depend_on(holds, hold.inertia) & ~holds
     idle = contacts.is_redundant(hold)
@@ -172,9 +157,22 @@ def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: 
     known = [jnp.where(holds, at_rest.at_bound, 0) == side for side in (1, -1)]
     near = errors[0] * float(jnp.finfo(force.dtype).eps) ** -0.5
     room = [jnp.where(rigid, jnp.inf, most - forces[0]), forces[0] - least]
+    ahead, behind = [-forces[1], -forces[2]], [forces[1], forces[2]]
+    if parted is not None:
+        pushing = [own, spring_rates(moves[:1]), spring_rates(moves[:2])]
+        grips = _tied_grips(
+            machine, state, [jnp.where(holds, f, p) for f, p in zip(forces, pushing, strict=True)], moves
+        )
+        errors = [
+            e + laws.static_coefficient * jnp.where(contacts.are_tied, contacts.at_normal(e), 0)
+            for e in errors
+        ]
+        near = errors[0] * float(jnp.finfo(force.dtype).eps) ** -0.5
+        room = [r + grips[0] for r in room]
+        ahead, behind = ([a + g for a, g in zip(rates, grips[1:], strict=True)] for rates in (ahead, behind))
     room = [jnp.where(k & (jnp.abs(r) <= near), 0, r) for k, r in zip(known, room, strict=True)]
-    above = sign_just_after([room[0], -forces[1], -forces[2]], errors) < 0
-    below = sign_just_after([room[1], forces[1], forces[2]], errors) < 0
+    above = sign_just_after([room[0], *ahead], errors) < 0
+    below = sign_just_after([room[1], *behind], errors) < 0
     motion = sign_just_after(moves, move_errors)
     carried = idle & (motion != 0) & ~(rigid & (motion > 0))
     if contacts.walls is None:
@@ -182,12 +180,34 @@ def _judged(machine: Machine, state: State, force: Array, at_rest: AtRest, act: 
     above, below = (holds & ~idle & a | carried & (motion == s) for a, s in ((above, 1), (below, -1)))
     returns = elements & ~holds & ~depends & (act * motion < 0)
     impossible = elements & rigid & (act == 1)
+    if parted is not None:
+        returns, impossible = returns & ~parted, impossible | (parted & elements & (act != 0))
     wrong = above | below | returns | impossible
     proposed = jnp.where(above, jnp.int8(1), jnp.where(below, jnp.int8(-1), jnp.int8(0)))
     proposed = jnp.where(wrong, proposed, act).astype(jnp.int8)
     held = holds & ~idle
     kept = elements & (idle | depends)
+    kept = kept if parted is None else kept & ~parted
     worth = jnp.where(held | kept, _worth(machine), 0)
-    score = jnp.sum(jnp.where(wrong, _CONFLICT, worth), axis=0)
+    score = jnp.sum(jnp.where(wrong, CONFLICT, worth), axis=0)
     jumps = jnp.abs(moves[0]) > move_errors[0]
-    return _Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps))
+    return Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps))
+
+
+def _tied_grips(machine: Machine, state: State, forces: list[Array], moves: list[Array]) -> list[Array]:
+    """Grips mu N of friction of contacts and their first two derivatives, 0 for all else.
+
+    `forces` are those of elements at rest; other contacts press if they are compliant and closed.
+    """
+    contacts, laws = machine.contacts, machine.contacts.laws
+    approach = machine.approach(state)
+    springs = [
+        contacts.spring_force(state.gap, approach),
+        laws.stiffness * approach + laws.damping * moves[0],
+        laws.stiffness * moves[0] + laws.damping * moves[1],
+    ]
+    grips = []
+    for force, spring in zip(forces, springs, strict=True):
+        normal = contacts.at_normal(jnp.where(state.mode.closed, spring, force))
+        grips.append(jnp.where(contacts.are_tied, laws.static_coefficient * normal, 0))
+    return grips

@@ -83,8 +83,8 @@ def die_out(
     `held` and `kept` are the elements that hold, and that others keep closed, once all are at rest.
     """
     contacts, laws = machine.contacts, machine.contacts.laws
-    hold = contacts.hold(held)
     in_motion = machine.in_mode(state)
+    hold = (in_motion.contacts if machine.has_tied_friction else contacts).hold(held)
     force = in_motion.total_force(state)
     reaction = contacts.contact_force(force, hold, state.phase)
     pull = contacts.pull(force, hold, state.phase)
@@ -142,7 +142,7 @@ def _bounces(machine: Machine, state: State, instant: Instant, bouncing: Array) 
     slides = contacts.are(FRICTION) & (direction != 0)
     turns = slides & is_light(sliding) & (jnp.abs(sliding) <= most)
     both = jnp.stack([direction, jnp.where(turns, -direction, direction)])
-    hold = machine.hold(state.held | bouncing)
+    hold = (machine.in_mode(state) if machine.has_tied_friction else machine).hold(state.held | bouncing)
 
     def pulls(_: None, direction: Array) -> tuple[None, tuple[Array, Array]]:
         return None, _pulls(machine, eqx.tree_at(lambda s: s.mode.direction, state, direction), hold)
@@ -179,7 +179,7 @@ def comes_to_rest(
     bouncing = at_limit & is_still & (laws.preload > 0)
     rubs = (direction != 0) & is_still & (laws.force > 0) & jnp.any(is_linked & bouncing[None], axis=1)
     bouncing = bouncing & jnp.any(is_linked & rubs[None], axis=1)
-    hold = machine.hold(state.held | bouncing)
+    hold = (machine.in_mode(state) if machine.has_tied_friction else machine).hold(state.held | bouncing)
     free = eqx.tree_at(lambda s: s.mode.closed, state, state.mode.closed & ~bouncing)
 
     def pulls(_: None, direction: Array) -> tuple[None, Array]:

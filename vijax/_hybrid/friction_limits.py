@@ -5,9 +5,13 @@
 | slip | sliding velocity, in the direction of slip | none |
 | stick | Fs - T | Fs + T |
 
+Of friction of a contact Fs = mu N, linear in the state too: N is the reaction of a contact that holds, or the force of the
+spring of a compliant one.
+
 The Taylor coefficients of the sliding velocity are those of the velocities, so a zero is proved absent as for gaps.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
@@ -16,6 +20,7 @@ from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
+from .compliant_limits import spring_derivatives, spring_rest, spring_series
 from .limits import FORCE, GAP, SLIP, STICK, Limit, Series, behind, each_order, force_below, scaled
 
 
@@ -87,3 +92,55 @@ GRIP = GRIP_AHEAD._replace(
     derivatives=_grip_derivatives,
     series=_grip_series,
 )
+
+
+def _of_tied(machine: Machine, state: State, forces: Series, springs: Series, side: int) -> Series:
+    """Fs - side T of friction of contacts, from reactions and forces of springs; of other friction with its constant Fs."""
+    contacts, laws = machine.contacts, machine.contacts.laws
+
+    def grip(force: Array, spring: Array) -> Array:
+        normal = contacts.at_normal(jnp.where(state.held, force, jnp.where(state.mode.closed, spring, 0)))
+        return jnp.where(contacts.are_tied, laws.static_coefficient * normal, 0) - side * force
+
+    if isinstance(forces, list):
+        rest = [grip(*pair) for pair in zip(forces, springs, strict=False)]
+    else:
+        num = min(len(forces), len(springs))
+        rest = jax.vmap(grip)(forces[:num], springs[:num])
+    return behind(laws.grip + rest[0], rest[1:])
+
+
+def _tied_rest(machine: Machine, rests: tuple[Array, ...], hold: Held) -> Array:
+    contacts, laws = machine.contacts, machine.contacts.laws
+    own = FORCE.rest(machine, rests, hold)
+    normal = contacts.at_normal(own + spring_rest(machine, rests, hold))
+    return own + jnp.where(contacts.are_tied, laws.static_coefficient * normal, 0)
+
+
+def _tied_grip(side: int) -> Limit:
+    """Limit of the force of friction of contacts that sticks, on one side."""
+
+    def derivatives(machine: Machine, state: State, hold: Held, now: Derivatives) -> list[Array]:
+        forces, springs = (of(machine, state, hold, now) for of in (FORCE.derivatives, spring_derivatives))
+        return _of_tied(machine, state, forces, springs, side)
+
+    def value(machine: Machine, state: State, hold: Held) -> Array:
+        spring = machine.contacts.spring_force(state.gap, machine.approach(state))
+        return _of_tied(machine, state, [FORCE.value(machine, state, hold)], [spring], side)[0]
+
+    def slope(machine: Machine, state: State, hold: Held, now: Rates) -> Array:
+        spring = spring_derivatives(machine, state, hold, now)[1]
+        # Without the constant part of the value.
+        grip = machine.contacts.laws.grip
+        return _of_tied(machine, state, [FORCE.slope(machine, state, hold, now)], [spring], side)[0] - grip
+
+    def series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> Series:
+        forces, springs = (of(machine, state, hold, series) for of in (FORCE.series, spring_series))
+        return _of_tied(machine, state, forces, springs, side)
+
+    return GRIP_AHEAD._replace(
+        value=value, slope=slope, derivatives=derivatives, rest=_tied_rest, series=series
+    )
+
+
+TIED_AHEAD, TIED_BEHIND = _tied_grip(1), _tied_grip(-1)

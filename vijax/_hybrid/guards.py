@@ -12,7 +12,15 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .compliant_limits import DEPTH, LAG, LOAD, SPRING
-from .friction_limits import GRIP, GRIP_AHEAD, GRIP_BEHIND, SLIDING, is_sticking
+from .friction_limits import (
+    GRIP,
+    GRIP_AHEAD,
+    GRIP_BEHIND,
+    SLIDING,
+    TIED_AHEAD,
+    TIED_BEHIND,
+    is_sticking,
+)
 from .limits import FORCE, GAP, Limit, limits_of
 
 # Second guard of an element whose mode ends in one way only.
@@ -34,6 +42,7 @@ _GUARDS = {
     COMPLIANT: ((GAP, FORCE, DEPTH), (_NONE, SPRING, LAG, LOAD)),
     FRICTION: ((SLIDING, GRIP_AHEAD), (_NONE, GRIP_BEHIND)),
 }
+_OF_TIED_FRICTION = (SLIDING, TIED_AHEAD), (_NONE, TIED_BEHIND)
 
 
 def _one_and_no_more(state: State) -> list[Array]:
@@ -46,7 +55,8 @@ def guards_of(machine: Machine) -> tuple[tuple[Limit, ...], ...]:
     if not machine.contacts.is_switching:
         return (limits_of(machine),)
     kinds = sorted(set(machine.contacts.laws.kinds))
-    first, second = ([limit for kind in kinds for limit in _GUARDS[kind][group]] for group in (0, 1))
+    guards = _GUARDS | ({FRICTION: _OF_TIED_FRICTION} if machine.has_tied_friction else {})
+    first, second = ([limit for kind in kinds for limit in guards[kind][group]] for group in (0, 1))
     return tuple(_once(first)), tuple(_once(second))
 
 
@@ -58,7 +68,7 @@ def _once(limits: list[Limit]) -> list[Limit]:
 def has_one_guard(machine: Machine) -> bool:
     """True for machines whose elements all have one guard in exact steps: both ends of a grip are one there."""
     contacts = machine.contacts
-    return not contacts.is_switching or COMPLIANT not in contacts.laws.kinds
+    return not contacts.is_switching or not (COMPLIANT in contacts.laws.kinds or contacts.laws.is_tied)
 
 
 def guards_of_steps(machine: Machine) -> tuple[tuple[Limit, ...], ...]:

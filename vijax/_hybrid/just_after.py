@@ -51,10 +51,11 @@ def just_after(
     contacts, phase = machine.contacts, state.phase
     noise = slack_of(contacts.compliance)
     back = lambda a: matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), a)  # noqa: E731
+    dragged = contacts.sizes_dragged
     motion = [jnp.abs(state.x), jnp.abs(state.v)]
     size, load = sizes_of_force(machine, force, motion[0], motion[1]), force
     if own is not None:
-        size, load = size + back(jnp.abs(own)), force - contacts.back(own)
+        size, load = size + back(dragged(jnp.abs(own))), force - contacts.back(contacts.dragged(own))
     accelerations: list[Array] = []
     found = JustAfter([], [], [], [])
     for order in range(3):
@@ -63,7 +64,7 @@ def just_after(
         found.moves.append(contacts.accelerated_towards(accelerations[-1], phase))
         wall = jnp.zeros_like(contacts.limit) + contacts.acceleration_bound(order)
         of_forces = matvec(jnp.abs(hold.reaction), size) + matvec(jnp.abs(hold.inertia), wall)
-        reached = contacts.inverse_mass_size(size + back(of_forces))
+        reached = contacts.inverse_mass_size(size + back(dragged(of_forces)))
         found.force_errors.append(noise * of_forces)
         found.move_errors.append(noise * (contacts.size(reached) + wall))
         motion.append(reached)
@@ -73,7 +74,7 @@ def just_after(
             load = machine.total_force_rate(state, accelerations[0])
         else:
             load = machine.total_force_curvature(state, accelerations[0], accelerations[1])
-        load = load if own_rates is None else load - contacts.back(own_rates(found.moves))
+        load = load if own_rates is None else load - contacts.back(contacts.dragged(own_rates(found.moves)))
         size = sizes_of_force(machine, load, motion[-2], motion[-1], order + 1)
         phase = machine.phase_rate(phase)
     return found

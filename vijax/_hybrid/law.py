@@ -9,6 +9,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .._jax.arrays import as_float
 from .._machine.machine import Machine
 from .._machine.state import State
+from .friction_impacts import rebound_with_friction
 
 
 def rebound(
@@ -21,6 +22,8 @@ def rebound(
 
     The stops `kept` stay closed during the impacts. They are chosen elsewhere, so this map is smooth.
     """
+    if machine.has_tied_friction:  # which chooses what closed contacts do
+        return rebound_with_friction(machine, state, hit)[:2]
     contacts, phase_rate = machine.contacts, machine.phase_rate(state.phase)
     kept = jnp.zeros_like(hit) if kept is None else kept
     x = contacts.with_closed_gaps(state.x, hit, state.phase)

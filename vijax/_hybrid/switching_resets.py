@@ -16,14 +16,16 @@ from .._jax.arrays import Flag, Scalar, matvec, with_derivative_of
 from .._jax.concrete import stop_gradients
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
-from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, Mode, State, laws_as_numbers
+from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State, laws_as_numbers
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .._system.checks import is_touching
 from .coupled_impacts import impact
 from .decision import AtRest, Decision, decide
 from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
+from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
 from .sticking import usual_speeds
+from .tied_friction import loaded, unloaded
 from .transition import Instant, Switches, no_switches
 
 
@@ -40,6 +42,7 @@ def first_state(
     position, speed_size = contacts.rounded(t0)
     gaps = contacts.gaps(x, phase)
     touching = ~friction & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
+    is_tied = machine.has_tied_friction
     x = with_derivative_of(contacts.with_closed_gaps(x, touching, phase), x)
     speeds = contacts.speeds(v, machine.phase_rate(phase))
     size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)
@@ -54,8 +57,12 @@ def first_state(
     closed = past & (_spring_force(machine, gap, speeds) > 0) | (past & touching)
     direction = jnp.where(friction & ~at_rest, jnp.sign(speeds), 0).astype(jnp.int8)
     contact = jnp.where(touching & ~at_rest & ((speeds < 0) | compliant), jnp.int8(1), state.contact)
-    mode = Mode(closed, past & ~closed, direction, state.mode.begins)
+    mode = Mode(closed, past & ~closed, direction, state.mode.begins, state.mode.paradox)
     state = eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode))
+    if is_tied:
+        presses = at_rest | closed
+        state = unloaded(machine, state, presses)
+        at_rest = at_rest & (contacts.at_normal(presses) | ~contacts.are_tied)
     return _settled(machine, state, AtRest(at_rest, jnp.zeros_like(direction)))
 
 
@@ -78,8 +85,15 @@ def resolve(
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, no_switches(state))
-    after, torn, impulse = state, none, zeros
-    if RIGID in machine.contacts.laws.kinds:
+    after, torn, impulse, sticks = state, none, zeros, None
+    if machine.has_tied_friction:
+        instant = eqx.tree_at(lambda i: i.friction_impulse, instant, zeros, is_leaf=lambda leaf: leaf is None)
+        after, instant, torn, impulse, sticks = jax.lax.cond(
+            is_any(hit),
+            lambda: compute_once(impact_with_friction, machine, state, instant),
+            lambda: (state, instant, none, zeros, none),
+        )
+    elif RIGID in machine.contacts.laws.kinds:
         after, instant, torn, impulse = jax.lax.cond(
             is_any(hit),
             lambda: compute_once(impact, machine, state, instant),
@@ -87,7 +101,7 @@ def resolve(
         )
     return jax.lax.cond(
         is_any(is_event if jumps is None else is_now),
-        lambda: compute_once(_switch, machine, state, after, instant, events, torn, impulse, jumps),
+        lambda: compute_once(_switch, machine, state, after, instant, events, torn, impulse, jumps, sticks),
         lambda: (after, instant),
     )
 
@@ -100,7 +114,7 @@ def forces_between_events(machine: Machine, state: State) -> Float[Array, "conta
     now = machine.in_mode(state)
     hold = now.hold(state.held)
     reaction = now.contacts.contact_force(now.total_force(state), hold, state.phase)
-    return jnp.where(state.held, reaction, now.contacts.forces_of(state))
+    return now.contacts.dragged(jnp.where(state.held, reaction, now.contacts.forces_of(state)))
 
 
 class Zeros(NamedTuple):
@@ -123,8 +137,12 @@ def _switch(
     torn: Bool[Array, "stops ..."],
     impulse: Float[Array, "stops ..."],
     jumps: Flag | None,
+    sticks: Bool[Array, "stops ..."] | None,
 ) -> tuple[State, Instant]:
-    """Switch the laws of elements after all impacts of this instant, and decide which elements at rest hold."""
+    """Switch the laws of elements after all impacts of this instant, and decide which elements at rest hold.
+
+    `sticks` are flags of friction of contacts that the impacts bring to rest; None if there is none.
+    """
     contacts, hit = machine.contacts, instant.hit
     rigid, compliant, friction = (contacts.are(kind) for kind in (RIGID, COMPLIANT, FRICTION))
     is_jump = jnp.any(hit, axis=0)
@@ -148,6 +166,7 @@ def _switch(
     arrives = is_now & friction & (direction != 0) & (events.first & ~is_struck | _is_rounding(speed, size))
     events = Zeros(events.first | arrives & ~is_struck, events.second)
     is_stopped = friction & is_struck & _is_rounding(speed, size)
+    is_stopped = is_stopped if sticks is None else is_stopped | sticks
     arrives = arrives | is_stopped
     new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
     direction = jnp.where(arrives, 0, new).astype(jnp.int8)
@@ -155,6 +174,8 @@ def _switch(
     contact = jnp.where(friction & is_set_off, jnp.int8(0), state.contact)
     names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
     state = eqx.tree_at(names, state, (direction, stays & before.held, contact))
+    if sticks is not None:
+        state = unloaded(machine, state, stays | state.mode.closed)
 
     chatter, none = no_chatter(state), jnp.zeros_like(hit)
     if RIGID in contacts.laws.kinds:
@@ -173,19 +194,25 @@ def _switch(
     is_plastic = hit & (instant.velocity_plus == 0)
     # Elements that have left at this very instant, with no speed, are still at rest.
     has_left = (state.contact >= jnp.where(friction, 1, 2)) & ~hit & ~torn & ~is_struck
+    has_left = has_left if sticks is None else has_left & (state.contact != UNLOADED)
     settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
     settles = settles | has_left | (compliant & at_limit & (speed == 0) & ~was_at_rest)
+    duration = chatter.duration
+    if sticks is not None:
+        state, settles, duration = loaded(machine, state, settles, size, chatter)
     # First guards are those of the lower bound of a contact, and of the upper one of friction.
     side = jnp.where(events.first, -1, jnp.where(events.second, 1, 0))
     side = jnp.where(stays & before.held & ~is_jump, jnp.where(friction, -side, side), 0)
     lightest = lightest_bounces(machine, state, instant) & ~settles if RIGID in contacts.laws.kinds else none
+    if sticks is not None:  # with friction that their impulses press they may go on
+        lightest = lightest & ~contacts.are_tied & ~contacts.presses_friction
     after = jax.lax.cond(
         is_any(settles | lightest),
         lambda: compute_once(_settled, machine, state, AtRest(settles, side.astype(jnp.int8)), lightest),
         lambda: state,
     )
     after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
-    return after, logged(machine, before, after, instant, events, chatter.duration)
+    return after, logged(machine, before, after, instant, events, duration)
 
 
 def _is_rounding(speed: Array, size: Array) -> Bool[Array, "contacts ..."]:
@@ -222,7 +249,7 @@ def _compliant_switched(
     begins = jnp.where(changes, jnp.int8(1), jnp.int8(0))
     is_new = at_limit & (speed != 0)
     contact = jnp.where(is_new, jnp.int8(1), state.contact)
-    mode = Mode(closed, compliant & past & ~closed, mode.direction, begins)
+    mode = Mode(closed, compliant & past & ~closed, mode.direction, begins, mode.paradox)
     return eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode)), at_limit
 
 
@@ -234,6 +261,7 @@ def _without(state: State, elements: Bool[Array, "contacts ..."]) -> State:
         mode.inside & ~elements,
         jnp.where(elements, jnp.int8(0), mode.direction),
         mode.begins,
+        mode.paradox,
     )
     return eqx.tree_at(lambda s: (s.mode, s.held), state, (without, state.held & ~elements))
 
@@ -250,9 +278,13 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     yields = elements & ~friction & (found.act == 1)
     slips = jnp.where(found.kept, SATURATED, 1) * found.act
     direction = jnp.where(elements & friction, slips, mode.direction).astype(jnp.int8)
-    mode = Mode(mode.closed | yields, mode.inside, direction, mode.begins)
+    paradox = None if mode.paradox is None else mode.paradox | found.is_paradox
+    mode = Mode(mode.closed | yields, mode.inside, direction, mode.begins, paradox)
     state = eqx.tree_at(lambda s: s.mode, state, mode)
     held = state.held | found.held
+    if paradox is not None:
+        state = unloaded(machine, state, held | found.kept | mode.closed)
+        contacts = contacts.directed(state.mode.direction)
     x, v = jax.lax.cond(
         is_any(held),
         lambda: contacts.brought_to_rest(state.x, state.v, held, state.phase, machine.in_mode(state).damping),
@@ -268,7 +300,8 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     is_frozen = found.depends & ~state.held & (is_still | friction)
     contact = jnp.where(is_frozen, jnp.int8(FROZEN), contact)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
-    return eqx.tree_at(names, state, (x, v, gap, held, contact))
+    after = eqx.tree_at(names, state, (x, v, gap, held, contact))
+    return after if paradox is None else unloaded(machine, after, held | found.kept | mode.closed)
 
 
 def _decided_with(
@@ -295,7 +328,8 @@ def _decided_with(
         return found, among, is_found | ends, count + 1
 
     none = jnp.zeros_like(lightest)
-    start = Decision(jnp.zeros_like(at_rest.at_bound), none, none, none, none)
+    is_paradox = None if state.mode.paradox is None else jnp.zeros_like(state.mode.paradox)
+    start = Decision(jnp.zeros_like(at_rest.at_bound), none, none, none, none, is_paradox)
     first = (start, none, jnp.zeros_like(none[0]), jnp.array(0))
     found, among, *_ = jax.lax.while_loop(goes_on, once_more, first)
     return found, AtRest(among, at_rest.at_bound)
@@ -314,6 +348,7 @@ def logged(
     rigid, compliant, friction = (contacts.are(kind) for kind in (RIGID, COMPLIANT, FRICTION))
     rests = lambda s: s.held | s.is_kept_closed  # noqa: E731
     pushes = lambda s: compliant & (s.mode.closed | s.held)  # noqa: E731
+    is_tied = machine.has_tied_friction
     comes, goes = ~rests(before) & rests(after), rests(before) & ~rests(after)
     old, new = before.mode.direction, after.mode.direction
     # The direction after an impact is no event of its own: only that at a zero of the sliding velocity is.
@@ -322,7 +357,7 @@ def logged(
     switched = Switches(
         closed=pushes(after) & ~pushes(before),
         opened=pushes(before) & ~pushes(after),
-        slipped=friction & goes,
+        slipped=friction & goes & (after.contact != UNLOADED) if is_tied else friction & goes,
         turned=turned,
         unlogged=unlogged,
         ended=jnp.where(events.first, jnp.int8(1), 2 * events.second.astype(jnp.int8)),

@@ -58,6 +58,8 @@ class Instant(eqx.Module):
         time: local time of the instant.
         impulse: of each impact, along its row, (stops,); None where it follows from the velocities alone.
         switched: events of friction and compliant contacts; None if all contacts are rigid.
+        friction_impulse: of each friction element at the contacts that are hit, along its row, (stops,); None without friction of
+            contacts.
     """
 
     hit: Bool[Array, "stops ..."]
@@ -70,6 +72,7 @@ class Instant(eqx.Module):
     time: Scalar
     impulse: Float[Array, "stops ..."] | None = None
     switched: Switches | None = None
+    friction_impulse: Float[Array, "stops ..."] | None = None
 
     @property
     def happened(self) -> Bool[Array, "..."]:

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
-class Work(enum.Enum):
-    """What is done before a program can run."""
+class Stage(enum.Enum):
+    """Stage of making a program, before it can run."""
 
     COMPILES = enum.auto()
     """Traced and compiled, and kept for later processes."""
@@ -24,19 +24,19 @@ class Work(enum.Enum):
 class _Listener:
     """Whom the outermost open call tells; it decides nothing but words on the screen."""
 
-    tell: Callable[[Work], None] | None = None
+    tell: Callable[[Stage], None] | None = None
 
 
 _listener = _Listener()
 
 
 def is_announced() -> bool:
-    """True within a call that is told of what compiles."""
+    """Flag of being within a call that is told of what compiles."""
     return _listener.tell is not None
 
 
 @contextmanager
-def announced_to(tell: Callable[[Work], None]) -> Iterator[None]:
+def announced_to(tell: Callable[[Stage], None]) -> Iterator[None]:
     """Tell of all that compiles until the end, in all threads."""
     before, _listener.tell = _listener.tell, tell
     try:
@@ -45,7 +45,7 @@ def announced_to(tell: Callable[[Work], None]) -> Iterator[None]:
         _listener.tell = before
 
 
-def announce(work: Work) -> None:
+def announce(stage: Stage) -> None:
     """Tell the call that waits for it."""
     if _listener.tell is not None:
-        _listener.tell(work)
+        _listener.tell(stage)

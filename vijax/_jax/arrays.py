@@ -14,7 +14,7 @@ import reprlib
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cache, reduce
-from typing import TYPE_CHECKING, Any, ParamSpec, SupportsFloat, SupportsIndex, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, SupportsFloat, SupportsIndex, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ Numbers = ArrayLike | Sequence[Any]
 if TYPE_CHECKING:
     Count = SupportsIndex | Array
 else:
-    Count = Any
+    Count = Annotated[Any, "int"]  # as `help` prints it
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
 # JAX or NumPy array. Concrete values are computed by NumPy on the host, where no shape needs compilation.

@@ -2,6 +2,7 @@
 
 import enum
 import threading
+import weakref
 from collections.abc import Callable
 from functools import cached_property
 from importlib.metadata import version
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .announcing import Work, announce
+from .announcing import Stage, announce
 from .concrete import is_tracer
 from .memory_maps import make_room, note_holder, note_program
 from .program_store import ProgramStore, StoredProgram, key_of, program_store
@@ -90,7 +91,7 @@ class Programs:
         self._name = _name_of(function) if name is None else name
         self._results: dict[_Static, _Static] = {}
         self._made: dict[_Key, tuple[Callable, _Static]] = {}
-        self.num_drops = 0
+        self._prepared: weakref.WeakSet[PreparedCall] = weakref.WeakSet()
         note_holder(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -105,7 +106,9 @@ class Programs:
 
     def prepared(self, *args: Any) -> "PreparedCall":
         """The function of the arrays in these arguments, in the order of their leaves, for any others of their kinds."""
-        return PreparedCall(self, *self._parts(args, {}))
+        call = PreparedCall(self, *self._parts(args, {}))
+        self._prepared.add(call)
+        return call
 
     def compiled(self, *args: Any, **kwargs: Any) -> Any:
         """The program for these arguments, compiled anew, for tests and benchmarks."""
@@ -114,7 +117,8 @@ class Programs:
     def drop(self) -> None:
         """Drop the programs of this process."""
         self._made.clear()
-        self.num_drops += 1
+        for call in list(self._prepared):
+            call.drop()
 
     def count(self) -> int:
         """Number of programs of this process."""
@@ -144,7 +148,7 @@ class Programs:
         """Call without the store."""
         make_room()
         if static not in self._results and not is_traced:
-            announce(Work.COMPILES_NOW)
+            announce(Stage.COMPILES_NOW)
         found = self._plain(static, *parts)
         return self._results[static].joined(found)
 
@@ -163,7 +167,7 @@ class Programs:
         """Load a program by its name, or trace, compile and store it."""
 
         def make() -> StoredProgram:
-            announce(Work.COMPILES)
+            announce(Stage.COMPILES)
             lowered, results = self._lowered(key)
             run = _compiled(lowered, store, name, results)
             return StoredProgram(run, results)
@@ -172,7 +176,7 @@ class Programs:
 
     def _by_text(self, key: _Key, store: ProgramStore) -> StoredProgram:
         """Trace a program, and load it by its text or compile and store it."""
-        announce(Work.TRACES)
+        announce(Stage.TRACES)
         lowered, results = self._lowered(key)
         name = key_of(*_text_of(lowered), self._options(), key.kept, key.donated)
         if name is None:
@@ -184,7 +188,7 @@ class Programs:
     def _lowered(self, key: _Key) -> tuple[Any, _Static]:
         """A program that is traced and lowered, and the tree of its results."""
         parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
-        lowered = self._plain.lower(key.static, *parts)
+        lowered = self._plain.trace(key.static, *parts).lower()
         return lowered, self._results[key.static]
 
     @cached_property
@@ -223,12 +227,16 @@ class PreparedCall:
         store = None if any(_UNUSUAL(jax.config)) else program_store()
         if store is None:
             return self._programs._run_plainly(self._static, parts)
-        state = _SETTINGS(jax.config), self._programs.num_drops, store
+        state = _SETTINGS(jax.config), store
         if self._last is None or self._last[0] != state:
             kinds = [self._kinds[: self._num], self._kinds[self._num :]]
             self._last = state, *self._programs._found(_key(self._static, kinds), store)
         _, run, results = self._last
         return results.joined(run(*parts))
+
+    def drop(self) -> None:
+        """Drop the program, which takes room as long as anyone has it; the next call finds it again."""
+        self._last = None
 
 
 def _key(static: _Static, parts: list[list]) -> _Key:
@@ -262,7 +270,7 @@ def _loaded_or_made(store: ProgramStore, name: str, make: Callable[[], StoredPro
     """A program of the store; made, if nobody has made it, by one process or thread while the others wait."""
     if found := _load(store, name):
         return found
-    with store.maker(name, lambda: announce(Work.WAITS)):
+    with store.maker(name, lambda: announce(Stage.WAITS)):
         return _load(store, name) or make()
 
 

@@ -225,12 +225,12 @@ class Contacts(eqx.Module):
 
     def _hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """Effect of holding, from the inverse of G among the held contacts."""
-        inertia, weighted = inverse_among(self.compliance, held), self._weighted()
+        inertia, weighted = self.inertia_among(held), self._weighted()
         reaction = matrix_product(inertia, weighted)
-        mobility = self._inverse() - matrix_product(jnp.swapaxes(weighted, 0, 1), reaction)
+        mobility = self._inverse() - matrix_product(self._pushes(weighted), reaction)
         if self.walls is None:
             return Hold(held, inertia, reaction, mobility, None)
-        back, accelerated = jnp.swapaxes(reaction, 0, 1), self._accelerated()
+        back, accelerated = self._pushed_by(inertia, reaction), self._accelerated()
         drive = jax.tree.map(lambda a: jnp.stack([matvec(back, row) for row in a]), accelerated)
         return Hold(held, inertia, reaction, mobility, drive)
 
@@ -312,7 +312,7 @@ class Contacts(eqx.Module):
         self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
         """Positions with zero gaps of the flagged contacts, nearest to x in the metric of M."""
-        return x + self._by(inverse_among(self.compliance, flags), self.gaps(x, phase))
+        return x + self._by(self.inertia_among(flags), self.gaps(x, phase))
 
     def closed_and_stopped(
         self,
@@ -414,6 +414,27 @@ class Contacts(eqx.Module):
     def back(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "n ..."]:
         """A^T . y: forces or impulses on the masses from those of the contacts."""
         return matvec(jnp.swapaxes(self.rows, 0, 1), of_contacts)
+
+    def dragged(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """Forces of all elements: contact forces bring along no other, see `SwitchingContacts`."""
+        return of_contacts
+
+    def sizes_dragged(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """Bounds of `dragged`, from bounds."""
+        return of_contacts
+
+    def inertia_among(self, members: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
+        """G_H^-1 of the members, zero elsewhere: contact forces from what the accelerations along the rows lack."""
+        return inverse_among(self.compliance, members)
+
+    def _pushes(self, weighted: Float[Array, "contacts n ..."]) -> Float[Array, "n contacts ..."]:
+        """M^-1 A^T: accelerations by contact forces."""
+        return jnp.swapaxes(weighted, 0, 1)
+
+    def _pushed_by(self, inertia: Array, reaction: Array) -> Float[Array, "n contacts ..."]:
+        """M^-1 A^T G_H^-1: accelerations of the masses that hold contacts on walls that accelerate."""
+        del inertia
+        return jnp.swapaxes(reaction, 0, 1)
 
     def _by(self, inertia: Array, lack: Array) -> Float[Array, "n ..."]:
         """Change of positions or velocities of the masses that makes A of it equal to `lack`."""

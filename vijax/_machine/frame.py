@@ -23,6 +23,10 @@ class Frame(eqx.Module):
         """Positions w and velocities w', (n, ...), at a phase of the load."""
         return self.waves.at(phase), self.waves.at(phase_rate(phase, self.frequency))
 
+    def acceleration_at(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        """Accelerations w'' at a phase of the load."""
+        return self.waves.at(phase_rate(phase_rate(phase, self.frequency), self.frequency))
+
     def at_time(self, t: Scalar) -> tuple[Array, Array]:
         """Positions w and velocities w' at a time."""
         return self.at(phase_at(self.frequency * t, self.waves.num_harmonics))

@@ -55,6 +55,7 @@ class Machine(eqx.Module):
     closed_rate: Any = None
     num_states: int = eqx.field(static=True, default=0)
     tables: Tables | None = None
+    base: Any = None  # `BaseLoad`, only where absolute accelerations are computed
 
     @property
     def num_masses(self) -> int:
@@ -203,6 +204,26 @@ class Machine(eqx.Module):
         w, rate = self.frame.at(state.phase)
         return state.x + w, state.v + rate
 
+    def acceleration_in_space(
+        self, state: State, force: Float[Array, "n ..."], hold: Held
+    ) -> Float[Array, "n ..."]:
+        """Accelerations in space from `total_force`; those of their stops of masses that are held."""
+        own = self.contacts.accelerations(force, hold, state.phase)
+        return own if self.frame is None else own + self.frame.acceleration_at(state.phase)
+
+    def absolute(self, acceleration: Float[Array, "n ..."], state: State) -> Float[Array, "n ..."]:
+        """Accelerations with that of the base, from those relative to it."""
+        if self.base is None:
+            return acceleration
+        return acceleration - self.contacts.inverse_mass_times(self._load_of_base(state.phase))
+
+    def _load_of_base(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        load = self.base.waves.at(phase)
+        if not any(self.base.tables):
+            return load
+        assert self.tables is not None
+        return load + self.tables.load_of(self._columns(phase), self.base.tables)
+
     def relative_to_stops(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
@@ -243,8 +264,16 @@ class Machine(eqx.Module):
         """Machine with the forces of friction and compliant contacts in the mode of a state; itself if there are none."""
         if state.mode is None or not isinstance(self.contacts, SwitchingContacts):
             return self
-        machine = eqx.tree_at(lambda m: m.mean, self, self.mean + self.contacts.load_of(state.mode))
-        return machine.with_closed(state.mode.closed)
+        contacts = self.contacts.directed(state.mode.direction)
+        names = lambda m: (m.mean, m.contacts)  # noqa: E731
+        machine = eqx.tree_at(names, self, (self.mean + contacts.load_of(state.mode), contacts))
+        machine = machine.with_closed(state.mode.closed)
+        return machine if contacts.drag is None else machine.with_oblique_forces(state.held)
+
+    def with_oblique_forces(self, held: Bool[Array, "contacts ..."]) -> "Machine":
+        """Machine with the rate of motions in which contacts hold whose forces bring along friction."""
+        rate = self.rate * jax.lax.stop_gradient(self.contacts.obliqueness(held))
+        return eqx.tree_at(lambda m: (m.rate, m.timescale), self, (rate, 1 / rate))
 
     def with_closed(self, closed: Bool[Array, "contacts ..."]) -> "Machine":
         """Machine with the springs and dampers of closed compliant contacts."""
@@ -257,6 +286,11 @@ class Machine(eqx.Module):
             self,
             (self.damping + damping, self.stiffness + stiffness, rate, 1 / rate),
         )
+
+    @property
+    def has_tied_friction(self) -> bool:
+        """True if there is friction of contacts."""
+        return self.contacts.is_switching and self.contacts.laws.is_tied
 
     def approach(self, state: State) -> Float[Array, "stops ..."]:
         """Speeds of approach to the contacts."""
@@ -309,7 +343,7 @@ def state_before_contact(
         gap=gap,
         held=held,
         contact=jnp.zeros(gap.shape, jnp.int8),
-        mode=idle_mode(gap) if machine.contacts.is_switching else None,
+        mode=idle_mode(gap, is_tied=machine.has_tied_friction) if machine.contacts.is_switching else None,
         knots=None if machine.tables is None else _first_knots(machine.tables, zero),
     )
 
@@ -397,6 +431,7 @@ def prepare(
         closed_rate=rate_with_closed(numbers, contacts, rate) if is_switching else None,
         num_states=numbers.num_states,
         tables=_tables(numbers, start[0], frequency),
+        base=numbers.base,
     )
 
 

@@ -21,6 +21,18 @@ from .switching import Laws, laws_of
 from .tables import KnotsLayout, TableNumbers, tables_of
 
 
+class BaseLoad(eqx.Module):
+    """Inertia force of the masses on a base that moves, a part of the load.
+
+    Attributes:
+        waves: its harmonics, (harmonics, n).
+        tables: flags of the loads by tables that are parts of it.
+    """
+
+    waves: Waves
+    tables: tuple[bool, ...] = eqx.field(static=True)
+
+
 class MachineNumbers(eqx.Module):
     """`ImpactSystem` as arrays, lanes last.
 
@@ -43,6 +55,7 @@ class MachineNumbers(eqx.Module):
             contacts, and everything over contacts has entries for it.
         num_states: number of last coordinates whose positions stay 0.
         tables: loads by tables; None if there are none.
+        base: the part of the load that a moving base makes; None where nothing depends on it.
     """
 
     mass: Reals
@@ -61,6 +74,7 @@ class MachineNumbers(eqx.Module):
     laws: Laws | None = None
     num_states: int = eqx.field(static=True, default=0)
     tables: tuple[TableNumbers, ...] | None = None
+    base: BaseLoad | None = None
 
     @property
     def num_columns(self) -> int:
@@ -81,6 +95,11 @@ class MachineNumbers(eqx.Module):
     def num_stops(self) -> int:
         """Number of contacts without friction."""
         return len(self.rows) if self.laws is None else self.laws.num_stops
+
+    @property
+    def has_tied_friction(self) -> bool:
+        """True if there is friction of contacts."""
+        return self.laws is not None and self.laws.is_tied
 
     @property
     def has_arithmetic_force(self) -> bool:
@@ -123,6 +142,20 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         num_states=system.num_states,
         tables=tables_of(system),
     )
+
+
+def with_base(numbers: MachineNumbers, system: ImpactSystem) -> MachineNumbers:
+    """Numbers of a machine with the part of the load that a moving base makes."""
+    lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
+    none = np.zeros((1, system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)
+    waves, tables = [Waves(none, none).padded(size)], []
+    for load in system.forcing.loads:
+        if not isinstance(load, Harmonic):
+            tables.append(load.from_base)
+        elif load.from_base:
+            waves.append(load.waves(lane_axes).padded(size))
+    base = BaseLoad(jax.tree.map(lambda *parts: add_up(parts), *waves), tuple(tables))
+    return eqx.tree_at(lambda n: n.base, numbers, base, is_leaf=lambda leaf: leaf is None)
 
 
 def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:

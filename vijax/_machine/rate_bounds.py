@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from .._jax.arrays import Scalar, matrix_product, over_lanes
 from .numbers import MachineNumbers
+from .small_matrices import diagonal
 from .switching import SwitchingContacts
 
 
@@ -20,7 +21,21 @@ def rate_with_closed(numbers: MachineNumbers, contacts: SwitchingContacts, rate:
     has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
     pairs = [_unit_matrices(one, of_unit_mass(one) if has_full_mass else None) for one in (numbers, closed)]
     w2, d = (_bound_between(*pair) for pair in zip(*pairs, strict=True))
+    if contacts.laws.is_tied:
+        w2, d = (
+            w2 + _of_friction(contacts, contacts.laws.stiffness),
+            d + _of_friction(contacts, contacts.laws.damping),
+        )
     return jnp.maximum(rate, _rate_of(w2, d))
+
+
+def _of_friction(contacts: SwitchingContacts, numbers: Array) -> Scalar:
+    """Bound of the norm of k mu g^T a of all friction elements of compliant contacts, for unit masses."""
+    size = jnp.sqrt(diagonal(contacts.compliance))
+    of_contacts = contacts.at_normal(numbers * size)
+    return jnp.sum(
+        jnp.where(contacts.are_tied, contacts.laws.static_coefficient * size * of_contacts, 0), axis=0
+    )
 
 
 def _bound_between(a: Float[Array, "n n ..."], b: Float[Array, "n n ..."]) -> Scalar:

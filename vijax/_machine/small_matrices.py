@@ -1,5 +1,6 @@
 """Small symmetric matrices over contacts or masses, lanes last."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -21,14 +22,29 @@ def inverse_among(
     size = len(matrix)
     if size in _WRITTEN_OUT:
         return _WRITTEN_OUT[size](matrix, members)
-    least = slack_of(matrix) * diagonal(matrix)
+    return _swept(matrix, members, slack_of(matrix) * diagonal(matrix), lambda pivot: pivot)
+
+
+def inverse_of_block(
+    matrix: Float[Array, "contacts contacts ..."],
+    members: Bool[Array, "contacts ..."],
+    size: Float[Array, "contacts ..."],
+) -> Float[Array, "contacts contacts ..."]:
+    """`inverse_among` for any square matrix, whose pivots vanish if they are rounding errors of `size`."""
+    return _swept(matrix, members, slack_of(matrix) * size, jnp.abs)
+
+
+def _swept(
+    matrix: Array, members: Array, least: Array, size_of: Callable[[Array], Array]
+) -> Float[Array, "contacts contacts ..."]:
+    size = len(matrix)
 
     def sweep(a: Array, member: tuple[Any, Array, Array]) -> tuple[Array, Array]:
         here, is_member, least = member
         row = jnp.sum(jnp.where(here[:, None], a, 0), axis=0)
         column = jnp.sum(jnp.where(here[None], a, 0), axis=1)
         pivot = jnp.sum(jnp.where(here, row, 0), axis=0)
-        is_member = is_member & (pivot > least)
+        is_member = is_member & (size_of(pivot) > least)
         pivot = jnp.where(is_member, pivot, 1)
         row = jnp.where(here, 1, row) / pivot
         rest = jnp.where(here[None], (-column / pivot)[:, None], a - column[:, None] * row[None])

@@ -13,6 +13,8 @@ from .tables import in_new_period
 KEPT_CLOSED = 4
 # Value of `State.contact` for an open element whose gap, or sliding velocity, is constant, as others hold its row.
 FROZEN = 5
+# Value of `State.contact` for friction of an open contact, which has no force and no event.
+UNLOADED = 6
 # Size of `Mode.direction` for friction that others keep at rest while its force is at the bound of its grip.
 SATURATED = 2
 
@@ -29,12 +31,15 @@ class Mode(eqx.Module):
         direction: sign of the sliding velocity of friction that slips; that of its force, times `SATURATED`, where others
             keep it at rest with its grip; 0 for all else.
         begins: as `State.contact`, for the second guard of an element.
+        paradox: whether no choice of what the elements do agreed with all laws at some instant; None without friction of
+            contacts.
     """
 
     closed: Bool[Array, "contacts ..."]
     inside: Bool[Array, "contacts ..."]
     direction: Int[Array, "contacts ..."]
     begins: Int[Array, "contacts ..."]
+    paradox: Any = None
 
 
 class State(eqx.Module):
@@ -83,10 +88,10 @@ class State(eqx.Module):
         return none if self.mode is None else jnp.concatenate([none, none])
 
 
-def idle_mode(like: Float[Array, "contacts ..."]) -> Mode:
-    """Mode in which no element acts on the masses."""
+def idle_mode(like: Float[Array, "contacts ..."], *, is_tied: bool = False) -> Mode:
+    """Mode in which no element acts on the masses; `is_tied` with friction of contacts."""
     none, zero = jnp.zeros(like.shape, bool), jnp.zeros(like.shape, jnp.int8)
-    return Mode(none, none, zero, zero)
+    return Mode(none, none, zero, zero, jnp.zeros(like.shape[1:], bool) if is_tied else None)
 
 
 # What an element does, as one number. Rigid contacts are free, held or kept closed by others. Sequences of cycles tell
@@ -111,7 +116,9 @@ def with_laws(state: State, numbers: Int[Array, "contacts ..."]) -> State:
     )
     direction = ahead.astype(jnp.int8) - behind.astype(jnp.int8)
     direction = jnp.where(numbers >= KEPT, SATURATED * direction, direction).astype(jnp.int8)
-    mode = Mode(numbers == CLOSED, numbers == INSIDE, direction, jnp.zeros_like(direction))
+    is_tied = state.mode is not None and state.mode.paradox is not None
+    paradox = jnp.zeros(numbers.shape[1:], bool) if is_tied else None
+    mode = Mode(numbers == CLOSED, numbers == INSIDE, direction, jnp.zeros_like(direction), paradox)
     contact = jnp.where((numbers >= KEPT) & (numbers < STICKING), jnp.int8(KEPT_CLOSED), jnp.int8(0))
     held = (numbers == HELD) | (numbers == STICKING)
     return eqx.tree_at(lambda s: (s.held, s.contact, s.mode), state, (held, contact, mode))

@@ -8,21 +8,25 @@ velocity, a preloaded compliant stop at d = 0. Their accelerations along the row
 Between events the forces of the elements that do not hold are linear in the state (`Laws`): a closed compliant contact
 adds a k a^T to the stiffness and a c a^T to the damping, slip adds a constant load. `Machine.in_mode` returns the machine with
 them, so that no flow needs to know of elements.
+
+Friction may be tied to a contact. While it slips, its force is a share of that of the contact, T = mu N s: `drag` is the
+matrix S of the forces S N of all elements that the forces N of contacts bring along. Then a contact pushes along the row
+of S^T A: G = A M^-1 A^T S, which is not symmetric, and a closed compliant contact adds k (a + mu s g)^T a.
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Reals, append_axes, matrix_product
+from .._jax.arrays import Reals, Scalar, append_axes, matrix_product, matvec
 from .._system.restitution import Restitution
 from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
 from .contacts import Contacts, Hold
-from .small_matrices import inverse_among
+from .small_matrices import diagonal, inverse_of_block
 from .state import SATURATED, Mode, State
 
 RIGID, COMPLIANT, FRICTION = 0, 1, 2
@@ -39,6 +43,10 @@ class Laws(eqx.Module):
         force: F of friction.
         grip: Fs of friction.
         velocity: velocity of the surface under friction.
+        normal: number of the contact that presses each friction element, -1 for all other elements; None if friction has
+            constant forces alone. Then so are the coefficients.
+        coefficient: mu of friction of contacts.
+        static_coefficient: the largest force of stick of that, over the force of the contact.
     """
 
     kinds: tuple[int, ...] = eqx.field(static=True)
@@ -48,11 +56,19 @@ class Laws(eqx.Module):
     force: Reals
     grip: Reals
     velocity: Reals
+    normal: tuple[int, ...] | None = eqx.field(static=True, default=None)
+    coefficient: Any = None
+    static_coefficient: Any = None
 
     @property
     def num_stops(self) -> int:
         """Number of contacts, rigid and compliant, which come before friction."""
         return sum(kind != FRICTION for kind in self.kinds)
+
+    @property
+    def is_tied(self) -> bool:
+        """True if the force of a contact presses some friction."""
+        return self.normal is not None
 
 
 def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
@@ -65,23 +81,38 @@ def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
         values = [getattr(stop, name) if stop.is_compliant else 0.0 for stop in stops]
         return of_contacts([*values, *[0.0] * len(friction)])
 
-    def of_friction(name: str) -> Reals:
-        return of_contacts([*[0.0] * len(stops), *(getattr(element, name) for element in friction)])
+    def of_friction(name: str, *, is_tied: bool = False) -> Reals:
+        values = [getattr(element, name) if element.is_tied == is_tied else 0.0 for element in friction]
+        return of_contacts([*[0.0] * len(stops), *values])
 
+    def velocity() -> Reals:
+        return of_contacts([*[0.0] * len(stops), *(element.velocity for element in friction)])
+
+    normal = [-1] * len(stops) + [-1 if element.contact is None else element.contact for element in friction]
+    has_tied = max(normal) >= 0
     kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in stops] + [FRICTION] * len(friction)
     return Laws(
         kinds=tuple(kinds),
         **{name: of_stops(name) for name in ("stiffness", "damping", "preload")},
-        **{name: of_friction(name) for name in ("force", "grip", "velocity")},
+        force=of_friction("slip"),
+        grip=of_friction("grip"),
+        velocity=velocity(),
+        normal=tuple(normal) if has_tied else None,
+        coefficient=of_friction("slip", is_tied=True) if has_tied else None,
+        static_coefficient=of_friction("grip", is_tied=True) if has_tied else None,
     )
 
 
 class SwitchingContacts(Contacts):
-    """Contacts and friction elements of a machine whose forces switch, lanes last."""
+    """Contacts and friction elements of a machine whose forces switch, lanes last.
+
+    `drag` is S of the head of this file in the mode of a state; None outside of one, and without friction of contacts.
+    """
 
     is_switching: ClassVar[bool] = True
 
     laws: Laws
+    drag: Float[Array, "contacts contacts ..."] | None
 
     def __init__(
         self,
@@ -95,7 +126,7 @@ class SwitchingContacts(Contacts):
         laws: Laws,
     ):
         Contacts.__init__(self, rows, limit, restitution, inverse_mass, signs, walls, frequency)
-        self.laws = laws
+        self.laws, self.drag = laws, None
 
     @property
     def num_stops(self) -> int:
@@ -138,7 +169,7 @@ class SwitchingContacts(Contacts):
         """Displacement and velocities corrected: contacts neither open nor close, friction does not creep."""
         at_place = hold.held & ~self.are(FRICTION)
         lack = jnp.where(at_place, self.gaps(x + displacement, phase), 0)
-        way = self._by(inverse_among(self.compliance, at_place), lack)
+        way = self._by(self.inertia_among(at_place), lack)
         speeds = jnp.where(hold.held, self.speeds(v, phase_rate(phase, self.frequency)), 0)
         return displacement + way, v - self._by(hold.inertia, speeds)
 
@@ -153,17 +184,17 @@ class SwitchingContacts(Contacts):
         """Positions with closed gaps and velocities without approach or sliding, with the impulse of dampers."""
         at_place, rate = held & ~self.are(FRICTION), phase_rate(phase, self.frequency)
         lack = jnp.where(at_place, self.gaps(x, phase), 0)
-        way = self._by(inverse_among(self.compliance, at_place), lack)
+        way = self._by(self.inertia_among(at_place), lack)
         v = v - self.inverse_mass_times(jnp.sum(damping * way[None], axis=1))
         lack = jnp.where(held, self.speeds(v, rate), 0)
-        return x + way, v - self._by(inverse_among(self.compliance, held), lack)
+        return x + way, v - self._by(self.inertia_among(held), lack)
 
     def without_speeds(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
         """Velocities without approach or sliding of flagged elements, nearest to v in the metric of M."""
         lack = jnp.where(flags, self.speeds(v, phase_rate(phase, self.frequency)), 0)
-        return v - self._by(inverse_among(self.compliance, flags), lack)
+        return v - self._by(self.inertia_among(flags), lack)
 
     def third_rest(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Bound of the third Taylor coefficient of the gaps, from that of the positions."""
@@ -188,7 +219,7 @@ class SwitchingContacts(Contacts):
         """Constant part of the forces of the elements on the masses, in a mode."""
         laws = self.laws
         spring = jnp.where(mode.closed, laws.stiffness * self.limit - laws.preload, 0)
-        return self.back(spring - self._rubbing(mode))
+        return self.back(self.dragged(spring) - self._rubbing(mode))
 
     def _rubbing(self, mode: Mode) -> Float[Array, "contacts ..."]:
         """Forces T of friction that does not hold: of slip, and at the bound of the grip where others keep it at rest."""
@@ -200,8 +231,106 @@ class SwitchingContacts(Contacts):
         """Stiffness and damping that closed compliant contacts add, (n, n) each."""
         back = jnp.swapaxes(self.rows, 0, 1)
         weights = (jnp.where(closed, a, 0) for a in (self.laws.stiffness, self.laws.damping))
+        back = back if self.drag is None else matrix_product(back, self.drag)
         stiffness, damping = (matrix_product(back, a[:, None] * self.rows) for a in weights)
         return stiffness, damping
+
+    @property
+    def are_tied(self) -> Bool[Array, "contacts ..."]:
+        """Flags of friction elements that the force of a contact presses."""
+        normal = np.array(self.laws.normal or [-1] * self.num)
+        return append_axes(jnp.asarray(normal >= 0), self.limit)
+
+    @property
+    def presses_friction(self) -> Bool[Array, "contacts ..."]:
+        """Flags of contacts whose force presses friction."""
+        normal = set(self.laws.normal or ())
+        return append_axes(jnp.asarray([j in normal for j in range(self.num)]), self.limit)
+
+    def at_normal(self, of_contacts: Array) -> Array:
+        """For each friction element what its contact has; for all other elements their own."""
+        normal = self.laws.normal
+        assert normal is not None
+        return jnp.stack([of_contacts[k if i < 0 else i] for k, i in enumerate(normal)])
+
+    def of_friction_at(self, of_friction: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """For each contact the sum of what its friction elements have."""
+        normal = self.laws.normal
+        assert normal is not None
+        zero = jnp.zeros_like(of_friction[0])
+        pressed = [[k for k, i in enumerate(normal) if i == j] for j in range(self.num)]
+        return jnp.stack([sum((of_friction[k] for k in each), zero) for each in pressed])
+
+    def directed(self, direction: Int[Array, "contacts ..."]) -> "SwitchingContacts":
+        """Contacts whose forces bring along those of friction that slips, in the directions of a `Mode`."""
+        laws = self.laws
+        if laws.normal is None:
+            return self
+        size = len(laws.normal)
+        presses = np.array(laws.normal)[:, None] == np.arange(size)[None]
+        presses, unit = (
+            jnp.asarray(a.reshape(size, size, *[1] * (self.limit.ndim - 1)), self.limit.dtype)
+            for a in (presses, np.eye(size))
+        )
+        is_at_bound = jnp.abs(direction) == SATURATED
+        share = jnp.sign(direction) * jnp.where(is_at_bound, laws.static_coefficient, laws.coefficient)
+        drag = unit + share[:, None] * presses
+        return eqx.tree_at(lambda c: c.drag, self, drag, is_leaf=lambda leaf: leaf is None)
+
+    def dragged(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """Forces or impulses of all elements, from those of the elements without friction of contacts that slips."""
+        return of_contacts if self.drag is None else matvec(self.drag, of_contacts)
+
+    def sizes_dragged(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """Bounds of `dragged`, from bounds."""
+        return of_contacts if self.drag is None else matvec(jnp.abs(self.drag), of_contacts)
+
+    def inertia_among(self, members: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
+        """G_H^-1 of the members, with the friction that they bring along."""
+        if self.drag is None:
+            return Contacts.inertia_among(self, members)
+        along = matrix_product(self.compliance, self.drag)
+        return inverse_of_block(along, members, diagonal(self.compliance))
+
+    def is_redundant(self, hold: Hold) -> Bool[Array, "contacts ..."]:
+        """Flags of contacts that hold but whose row depends on other held ones."""
+        if self.drag is None:
+            return Contacts.is_redundant(self, hold)
+        return hold.held & jnp.all(hold.inertia == 0, axis=1)
+
+    def depend_on(
+        self, members: Bool[Array, "contacts ..."], inertia: Array | None = None
+    ) -> Bool[Array, "contacts ..."]:
+        """Flags of contacts whose rows and motions depend on those of `members`."""
+        return Contacts.depend_on(self, members, inertia if self.drag is None else None)
+
+    def obliqueness(self, held: Bool[Array, "contacts ..."]) -> Scalar:
+        """Bound of the factor by which holding may increase forces: the norm of 1 - W^T G_H^-1 A for unit masses.
+
+        Without friction of contacts it is a perpendicular projection, of norm 1. The singular values of any projection that are not
+        zero are at least 1, and their squares have the sum below.
+        """
+        assert self.drag is not None
+        inertia = self.inertia_among(held)
+        pushing = matrix_product(jnp.swapaxes(self.drag, 0, 1), matrix_product(self.compliance, self.drag))
+        terms = matrix_product(pushing, matrix_product(inertia, self.compliance)) * inertia
+        rank = jnp.sum(diagonal(matrix_product(inertia, matrix_product(self.compliance, self.drag))), axis=0)
+        return jnp.sqrt(jnp.maximum(jnp.sum(terms, axis=(0, 1)) - jnp.maximum(rank - 1, 0), 1))
+
+    def _pushes(self, weighted: Float[Array, "contacts n ..."]) -> Float[Array, "n contacts ..."]:
+        """Accelerations by contact forces."""
+        pushes = jnp.swapaxes(weighted, 0, 1)
+        return pushes if self.drag is None else matrix_product(pushes, self.drag)
+
+    def _pushed_by(self, inertia: Array, reaction: Array) -> Float[Array, "n contacts ..."]:
+        """Accelerations of the masses that hold contacts on walls that accelerate."""
+        if self.drag is None:
+            return Contacts._pushed_by(self, inertia, reaction)
+        return matrix_product(self._pushes(self._weighted()), inertia)
+
+    def _by(self, inertia: Array, lack: Array) -> Float[Array, "n ..."]:
+        """Change of positions or velocities of the masses that makes A of it equal to `lack`."""
+        return self.inverse_mass_times(self.back(self.dragged(matvec(inertia, lack))))
 
     def held_and_closed(
         self, hold: Hold, closed: Bool[Array, "contacts ..."]

@@ -235,6 +235,13 @@ class Tables(eqx.Module):
         """Load of columns of a phase; its derivative, of those of the rate of a phase."""
         return add_up(self._derivatives(columns)[0])
 
+    def load_of(
+        self, columns: Float[Array, "2 columns ..."], which: tuple[bool, ...]
+    ) -> Float[Array, "n ..."]:
+        """Sum of the loads of flagged tables, at columns of a phase."""
+        loads = self._derivatives(columns)[0]
+        return add_up([loads[k] for k, is_own in enumerate(which) if is_own])
+
     def derivatives_of_load(self, columns: Float[Array, "2 columns ..."]) -> list[Float[Array, "n ..."]]:
         """Load of columns of a phase, and its derivatives by time."""
         return [add_up(p) for p in self._derivatives(columns)]

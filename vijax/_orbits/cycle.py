@@ -19,12 +19,13 @@ from .._flow.interface import AbstractFlow
 from .._hybrid.law import rebound
 from .._hybrid.limits import IMPACT, limits_of
 from .._hybrid.sticking import chatter_time
+from .._hybrid.tied_friction import in_laws
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, with_laws
+from .._machine.state import State
 from .._machine.switching import FRICTION
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
@@ -379,7 +380,7 @@ def state_in_mode(
 ) -> State:
     """State in a mode of `Sequence`, with no contact just left."""
     state = state_before_contact(machine, phase, x, v, held_in(mode), time)
-    return with_laws(state, mode) if machine.contacts.is_switching else state
+    return in_laws(machine, state, mode) if machine.contacts.is_switching else state
 
 
 def flow_map(
@@ -395,7 +396,8 @@ def flow_map(
     change = turned(phase, jnp.stack([turn, slide]))
     x, v = jnp.split(place.z, 2)
     state = state_in_mode(machine, phase, x, v, mode, place.time * machine.period)
-    machine, hold = machine.in_mode(state), machine.hold(state.held)
+    machine = machine.in_mode(state)
+    hold = machine.hold(state.held)
     displacement, gain = flow.flow_map(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change
 
@@ -406,7 +408,8 @@ def _flow_map_across_knots(
     """`flow_map` under loads by tables."""
     phase, (x, v), time = phase_of(machine, place.time), jnp.split(place.z, 2), place.time * machine.period
     state = state_in_mode(machine, phase, x, v, mode, time)
-    machine, hold = machine.in_mode(state), machine.hold(state.held)
+    machine = machine.in_mode(state)
+    hold = machine.hold(state.held)
     displacement, gain, end = flow_map_across_knots(
         flow, machine, state, hold, duration * machine.period, time
     )

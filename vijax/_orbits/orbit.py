@@ -14,6 +14,7 @@ from .._jax.arrays import Scalar
 from .._jax.concrete import concrete
 from .._printing import as_html, as_text, describe_orbit
 from .._sweep.dataset import labelled
+from .._system.symmetry import Symmetry
 from .._system.system import AnySystem
 from .._trajectory.event_log import EventLog
 from .._trajectory.simulate import simulate
@@ -105,6 +106,62 @@ class PeriodicOrbit(eqx.Module):
             flow=self.flow,
             max_events=max_events,
         )
+
+    def symmetries(self) -> tuple[Symmetry, ...]:
+        """Find the symmetries of the machine that the orbit has: they map it to itself, shifted in time.
+
+        A mass between two equal stops has orbits that are the same on both sides, half a period later, and pairs of orbits
+        that are mirror images of each other.
+
+        Returns:
+            Those of `orbit.system.symmetries()` that the orbit has.
+
+        Raises:
+            ValueError: for an orbit that the machine does not follow, or a traced one.
+
+        Example:
+            ```python
+            import jax, vijax as vx
+            jax.config.update("jax_enable_x64", True)
+            stops = [vx.Stop(0, 0.5, "upper", 0.8), vx.Stop(0, -0.5, "lower", 0.8)]
+            machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([1.0], 2.0), stops)
+            sol = vx.simulate(machine, 0.0, 300 * machine.forcing.period, [0.1], max_events=8, throw=False)
+            vx.periodic_orbit(machine, sol.x1, sol.v1).symmetries()  # x0 -> -x0, half a period later
+            ```
+        """
+        from .orbit_symmetry import symmetries_of_orbit  # which needs this class
+
+        return symmetries_of_orbit(self)
+
+    def mirrored(self, symmetry: Symmetry | None = None) -> "PeriodicOrbit":
+        """Find the image of the orbit under a symmetry of the machine.
+
+        An orbit without a symmetry of its machine has a mirror image: another orbit of the same period, multipliers and
+        stability.
+
+        Args:
+            symmetry: one of `orbit.system.symmetries()`; the first that the orbit has not, if left out. An orbit that has all
+                of them is its own image.
+
+        Returns:
+            The image, at the same phase of the load.
+
+        Raises:
+            ValueError: for a machine without symmetry, an orbit that the machine does not follow, or a traced one.
+
+        Example:
+            ```python
+            import jax, vijax as vx
+            jax.config.update("jax_enable_x64", True)
+            stops = [vx.Stop(0, 0.5, "upper", 0.8), vx.Stop(0, -0.5, "lower", 0.8)]
+            machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([1.0], 1.5), stops)
+            sol = vx.simulate(machine, 0.0, 300 * machine.forcing.period, [0.1], max_events=8, throw=False)
+            other = vx.periodic_orbit(machine, sol.x1, sol.v1).mirrored()
+            ```
+        """
+        from .orbit_symmetry import image_of_orbit  # which needs this class
+
+        return image_of_orbit(self, symmetry)
 
     def to_xarray(self) -> xr.Dataset:
         """Label the orbit: the state at its start, its events, its multipliers.

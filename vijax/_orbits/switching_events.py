@@ -8,16 +8,24 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.friction_chatter import complete_chatter
-from .._hybrid.friction_limits import GRIP_AHEAD, GRIP_BEHIND, sliding_velocity
+from .._hybrid.friction_impacts import rebound_with_friction
+from .._hybrid.friction_limits import (
+    GRIP_AHEAD,
+    GRIP_BEHIND,
+    TIED_AHEAD,
+    TIED_BEHIND,
+    sliding_velocity,
+)
 from .._hybrid.guards import select_active
 from .._hybrid.law import rebound
 from .._hybrid.limits import CLOSE, IMPACT, OPEN, SLIP, STICK, TURN
 from .._hybrid.switching_resets import Zeros, logged
+from .._hybrid.tied_friction import in_laws
 from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
-from .._machine.state import AHEAD, HELD, State, laws_as_numbers, with_laws
+from .._machine.state import AHEAD, HELD, State, laws_as_numbers
 from .._machine.switching import FRICTION
 from .sequence import LEAVE, NOTHING, SECOND, Sequence, effective, held_in
 
@@ -91,10 +99,11 @@ def _push_beyond_grip(
 ) -> Scalar:
     """Force by which friction at a turn would exceed its grip if it stuck, positive where it does not stick."""
     numbers = jnp.where(end.held, HELD, jnp.where(at_event, HELD, laws_as_numbers(end)))
-    stuck = with_laws(end, numbers)
+    stuck = in_laws(machine, end, numbers)
     here = machine.in_mode(stuck)
     hold = here.hold(stuck.held)
-    ahead, behind = (limit.value(here, stuck, hold) for limit in (GRIP_AHEAD, GRIP_BEHIND))
+    both = (TIED_AHEAD, TIED_BEHIND) if machine.has_tied_friction else (GRIP_AHEAD, GRIP_BEHIND)
+    ahead, behind = (limit.value(here, stuck, hold) for limit in both)
     return -jnp.sum(jnp.where(at_event, jnp.where(after == AHEAD, ahead, behind), 0))
 
 
@@ -119,6 +128,8 @@ def after_event(
     contacts = machine.contacts
     stays = (end.held | end.is_kept_closed) & (effective(after) == HELD)
     x, v = rebound(machine, end, hit, stays & contacts.is_rigid)
+    if machine.has_tied_friction:  # which has an impulse too where it slips and its contact comes to rest
+        contacts = contacts.directed(in_laws(machine, end, after).mode.direction)
     return x, contacts.without_speeds(v, held_in(after), end.phase)
 
 
@@ -142,8 +153,13 @@ def switched_instant(
     # An impact may turn friction of the same mass.
     direction = jnp.where(end.mode.direction != 0, jnp.sign(now), 0).astype(jnp.int8)
     struck = eqx.tree_at(lambda s: s.mode.direction, struck, direction)
-    impulse = jnp.where(hit, contacts.impulses(end.v - v), 0)
-    instant = Instant(hit, none, none, speed, plus, zeros, jnp.array(False), time, impulse, no_switches(end))
+    impulse, rubbed = jnp.where(hit, contacts.impulses(end.v - v), 0), None
+    if machine.has_tied_friction:
+        *_, both = rebound_with_friction(machine, end, hit)
+        impulse = jnp.where(hit, both, 0)
+        rubbed = jnp.where(contacts.are_tied & contacts.at_normal(hit), both, 0)
+    switched = no_switches(end)
+    instant = Instant(hit, none, none, speed, plus, zeros, jnp.array(False), time, impulse, switched, rubbed)
     duration = jax.lax.stop_gradient(complete_chatter(machine, struck, instant).duration)
     zero = Zeros(at_event & ~is_second(kind), at_event & is_second(kind))
-    return logged(machine, end, with_laws(struck, after), instant, zero, duration)
+    return logged(machine, end, in_laws(machine, struck, after), instant, zero, duration)

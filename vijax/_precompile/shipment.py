@@ -29,7 +29,7 @@ class _Shipment(NamedTuple):
 
 
 def packed_shipment(machine: AnySystem, calls: tuple[str, ...], folder: Path) -> bytes:
-    """What the process reads.
+    """Machine, calls and settings as the bytes that the process reads.
 
     Raises:
         ValueError: if the machine has a function or class that another process cannot import.

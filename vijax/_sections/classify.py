@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import flags
-from .._dataset_checks import check_columns
+from .._dataset_checks import check_columns, check_is_dataset
 from .._jax.users_line import users_line
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
@@ -96,7 +96,8 @@ def classify(
     References:
         Wagg & Bishop (2004), Sec. 4.4 with Table 2, Sec. 4.5 with Table 3.
     """
-    if isinstance(source, xr.Dataset):
+    if not isinstance(source, Solution):
+        check_is_dataset(source, "source", "`vx.sweep`")
         warn_of_endings(source, "max_impacts_reached")
     found = classified(source, tolerance, double_impact_within, last)
     _warn_of_unsettled(found, _tolerance(found["recurrence_error"], tolerance))

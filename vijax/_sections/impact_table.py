@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from .._dataset_checks import check_columns
+from .._dataset_checks import check_columns, check_is_dataset
 from .._sweep.outcomes import warn_of_endings
 from .record import dims_of, flattened_points
 
@@ -30,8 +30,8 @@ def impacts(ds: xr.Dataset) -> "pd.DataFrame":
 
     Returns:
         `pandas.DataFrame` with a column for every swept quantity, by its name in the dataset; for a sweep up and down
-        also `direction`; then `stop`, its index; `time` since the end of the transient; `phase` W t mod 2 pi, radians;
-        signed `velocity` before the impact; and where stops move `relative_velocity`, counted from theirs. Rows are
+        also `direction`; then `stop`, its index; `time` since the end of the transient; `phase` W t mod 2 pi, radians, where
+        periods are counted; signed `velocity` before the impact; and where stops move `relative_velocity`, counted from theirs. Rows are
         ordered by point, then by time; points without impacts have none. A warning reports points with unrecorded
         impacts.
 
@@ -48,8 +48,10 @@ def impacts(ds: xr.Dataset) -> "pd.DataFrame":
     """
     import pandas as pd  # slow to import
 
+    check_is_dataset(ds, "ds", "`vx.sweep`")
     missing = [name for name in ("result", *_COLUMNS.values()) if name not in ds]
-    if set(missing) - {"impact_relative_velocity"}:
+    phase = {"impact_phase"} if "duration" in ds.attrs else set()
+    if set(missing) - {"impact_relative_velocity"} - phase:
         raise ValueError(f"Argument `ds` must be what `vx.sweep` returned, but has no {', '.join(missing)}.")
     there = [name for name in _COLUMNS.values() if name in ds]
     check_columns(ds, "`vx.sweep`", {"result": (), **dict.fromkeys(there, ("impact",))})

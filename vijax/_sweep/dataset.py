@@ -35,6 +35,8 @@ _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
     "sticking_time": ("period", "friction"),
     "lyapunov_exponents": ("exponent",),
     "lyapunov_error": ("exponent",),
+    "xs": ("time", "mass"),
+    "vs": ("time", "mass"),
     **DIMS,
 }
 
@@ -45,7 +47,7 @@ def dataset(
     shape: tuple[int, ...],
     counts: Counts,
     found: PointResults,
-    attributes: dict[str, str | int],
+    attributes: dict[str, str | int | float],
     quantities: Sequence[str] = (),
 ) -> xr.Dataset:
     """Label the results of a sweep.
@@ -64,18 +66,22 @@ def dataset(
     names = np.array(["up", "down"], object)
     directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
-    sections = _section_table(counts, found, points.system.num_stops)
+    sections = (_section_table if counts.times is None else _time_table)(
+        counts, found, points.system.num_stops
+    )
     impacts = _impact_table(points, counts, found)
     own = dict.fromkeys(impacts, ("impact",)) | _DIMS
+    if counts.times is not None:  # one motion in place of its periods
+        own = {name: tuple(dim for dim in of if dim != "period") for name, of in own.items()}
     variables = {}
     tables = impacts | sections | _end_table(points, counts, found)
     if counts.lyapunov:
         tables |= _exponents_table(counts, found, tables["forcing_period"])
     observed = {name: found.ends[name].T for name in counts.observed}
-    tables |= quantity_tables(quantities, points.system, counts, tables, observed)
+    tables |= quantity_tables(quantities, points, counts, tables, observed)
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
-    coordinates = directions | coordinates_of(points.system, axes)
+    coordinates = directions | coordinates_of(points.system, axes, counts)
     ds = labelled(xr.Dataset(variables, coords=coordinates, attrs=attributes))
     ds["steps"].attrs["lane_steps"] = found.lane_steps
     ds["result"].attrs |= flags(list(RESULTS._name_to_item))
@@ -89,10 +95,19 @@ def labelled(ds: xr.Dataset) -> xr.Dataset:
     return ds
 
 
-def coordinates_of(system: ImpactSystem, axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
-    """Coordinates of the stops and of the swept values; values that are arrays are numbered."""
+def saved_times(counts: Counts) -> dict[str, np.ndarray]:
+    """Times at which states are saved, as a coordinate; empty if there are none."""
+    times = () if counts.times is None else counts.times[:-1]
+    return {"time": np.asarray(times, float)} if times else {}
+
+
+def coordinates_of(
+    system: ImpactSystem, axes: dict[str, np.ndarray], counts: Counts
+) -> dict[str, tuple | np.ndarray]:
+    """Coordinates of the stops, of saved times, and of the swept values; values that are arrays are numbered."""
     masses = [stop.slot[0] if stop.slot else -1 for stop in system.stops]
     coordinates: dict[str, tuple | np.ndarray] = {"stop_mass": ("stop", np.array(masses, int))}
+    coordinates |= saved_times(counts)
     for path, axis in axes.items():
         coordinates[path] = axis if axis.ndim == 1 else np.arange(len(axis))
         if axis.ndim > 1:
@@ -105,26 +120,28 @@ def _impact_table(points: LaneInput, counts: Counts, found: PointResults) -> dic
     impacts = found.impacts
     longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
     shape = points.x0.shape[-1], longest
-    none = _impact_columns(points, selected_rows(impacts, slice(0)))
+    has_phases = counts.times is None
+    none = _impact_columns(points, selected_rows(impacts, slice(0)), has_phases=has_phases)
     tables = {name: np.full(shape, FILL.get(name, np.nan), a.dtype) for name, a in none.items()}
     for first in range(0, len(impacts.point), _ROWS):
         rows = selected_rows(impacts, slice(first, first + _ROWS))
-        for name, column in _impact_columns(points, rows).items():
+        for name, column in _impact_columns(points, rows, has_phases=has_phases).items():
             tables[name][rows.point, rows.number] = column
     return tables
 
 
-def _impact_columns(points: LaneInput, rows: Impact) -> dict[str, np.ndarray]:
+def _impact_columns(points: LaneInput, rows: Impact, *, has_phases: bool) -> dict[str, np.ndarray]:
     """Variables of some impacts, each (impacts,)."""
     stops, point = points.system.stops, rows.point
     frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[point]
     phase = np.mod(frequency * rows.time, 2 * np.pi)
     own = rows.velocity - frequency * _slopes(stops, rows.stop, point, phase)
     is_moving = any(one.motion is not None for one in stops)
+    phases = {"impact_phase": phase} if has_phases else {}
     return ({"impact_relative_velocity": own} if is_moving else {}) | {
         "impact_time": rows.time,
         "impact_velocity": rows.velocity,
-        "impact_phase": phase,
+        **phases,
         "impact_stop": rows.stop,
         "impact_sticks": rows.chatter > 0,
     }
@@ -154,6 +171,16 @@ def _section_table(counts: Counts, found: PointResults, num_stops: int) -> dict[
     )
 
 
+def _time_table(counts: Counts, found: PointResults, num_stops: int) -> dict[str, np.ndarray]:
+    """State of every point at the given times, NaN where it did not get there, and for how long elements held."""
+    is_reached = (np.arange(counts.record) < found.ends["periods"][:, None])[..., None]
+    x, v, held_time = (found.ends.pop(f"section_{name}").T for name in ("x", "v", "held_time"))
+    saved = {"xs": x[:, :-1], "vs": v[:, :-1]} if counts.record > 1 else {}
+    tables = {name: np.where(is_reached[:, :-1], a, np.nan) for name, a in saved.items()}
+    whole = np.where(is_reached[:, -1], held_time[:, -1], np.nan)
+    return tables | of_stops_and_friction(num_stops, "held_time", "sticking_time", whole)
+
+
 def of_stops_and_friction(
     num_stops: int, name: str, of_friction: str, both: np.ndarray
 ) -> dict[str, np.ndarray]:
@@ -178,11 +205,18 @@ def _end_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[s
     code = np.where(is_full, code_of("max_impacts_reached"), code_of("successful"))
     code = np.where(is_done, code, code_of("max_steps_reached"))
     code = np.where(ends["is_finite"], code, code_of("non_finite"))
+    if any(element.is_tied for element in points.system.friction):
+        # A motion that stopped at finite numbers had no choice left that agrees with the laws.
+        is_bounded = np.isfinite(ends["x"]).all(axis=0) & np.isfinite(ends["v"]).all(axis=0)
+        code = np.where(~ends["is_finite"] & is_bounded, code_of("friction_paradox"), code)
     num_stops = points.system.num_stops
     kept = {name: ends[name].T for name in ("x", "v", "steps")} | {
         "num_impacts": ends["num_impacts"][:num_stops].T
     }
     kept |= of_stops_and_friction(num_stops, "num_sticks", "num_friction_sticks", ends["num_sticks"].T)
     kept |= of_stops_and_friction(num_stops, "stuck", "sticking", ends["held"].T)
+    kept |= {"result": code.astype(np.int8)}
+    if counts.times is not None:
+        return kept
     period = 2 * np.pi / np.broadcast_to(points.system.forcing.frequency, code.shape)
-    return kept | {"result": code.astype(np.int8), "forcing_period": period}
+    return kept | {"forcing_period": period}

@@ -7,13 +7,13 @@ import xarray as xr
 
 from .._dataset_attributes import variable_attributes
 from .._execution.points import LaneInput
-from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, whole_number
+from .._jax.arrays import Count, Numbers
 from .._progress import says_what_compiles, tqdm
 from .._system.parameters import find_parameter
 from .._system.system import AnySystem, machine_of, varied
+from .counts import RECORD, TRANSIENT, counts_of
 from .distributions import Distributions, drawn, uncertain
 from .grid import base_of
 from .outcomes import warn_of_endings
@@ -34,8 +34,10 @@ def ensemble(
     rng: Rng | None = None,
     seed: Count | None = None,
     correlation: Numbers | None = None,
-    transient: Count = 100,
-    record: Count = 20,
+    transient: Count = TRANSIENT,
+    record: Count = RECORD,
+    duration: Numbers | None = None,
+    ts: Numbers | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
@@ -67,6 +69,8 @@ def ensemble(
             (a Gaussian copula); of normal distributions their own. Independent if left out.
         transient: as for `vx.sweep`.
         record: likewise.
+        duration: likewise.
+        ts: likewise.
         x0: likewise.
         v0: likewise.
         flow: likewise.
@@ -102,14 +106,8 @@ def ensemble(
     base = base_of(varied(system, args), x0, v0)
     known = uncertain(distributions, base, correlation)
     values = drawn(known, samples, generator_of(rng, seed))
-    counts = Counts(
-        whole_number("transient", transient),
-        whole_number("record", record, 1 if lyapunov else 0),
-        whole_number("max_impacts", max_impacts),
-        None if max_steps is None else whole_number("max_steps", max_steps),
-        can_stick=True,
-        lyapunov=bool(lyapunov),
-    )
+    limits = {"max_impacts": max_impacts, "max_steps": max_steps}
+    counts = counts_of(base.system, transient, record, duration, ts, lyapunov=lyapunov, **limits)
     added = checked_quantities(quantities, machine_of(base.system), counts)
     of_machine, states = _apart(base, values)
     with tqdm(total=len(states), unit="sample", disable=not progress) as bar:
@@ -127,7 +125,7 @@ def ensemble(
         )
     of_samples = {path: (SAMPLE, a, variable_attributes(path)) for path, a in values.items()}
     ds = with_labels(with_names(ds.assign_coords(of_samples), known.names), base.system)
-    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
     return ds
 
 

@@ -42,14 +42,18 @@ def base_of(system: AnySystem, x0: Numbers | None, v0: Numbers | None) -> LaneIn
 
 
 def grid_points(
-    base: LaneInput, axes: dict[str, np.ndarray], *, twice: bool = False
+    base: LaneInput, axes: dict[str, np.ndarray], *, twice: bool = False, counts_periods: bool = True
 ) -> LaneInput[ImpactSystem]:
-    """Machines and starts of a product grid; of two grids, one after the other, if `twice`."""
+    """Machines and starts of a product grid; of two grids, one after the other, if `twice`.
+
+    `counts_periods` is true where the load must have a period.
+    """
     dtype = base.system.mass.dtype
     grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
     grid = np.tile(grid, 2 if twice else 1)
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
-    points = jax.tree.map(lambda a: np.asarray(a, dtype), points_of_lanes(base, swept))
+    points = points_of_lanes(base, swept, counts_periods=counts_periods)
+    points = jax.tree.map(lambda a: np.asarray(a, dtype), points)
     for path in axes:
         check_column(path)
     full = lambda a: np.array(np.broadcast_to(a, (base.system.num_masses, grid.shape[1])))  # noqa: E731

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import versions
+from .._dataset_checks import check_is_dataset
 from .._execution.points import LaneInput, lanes_with_values, with_values
 from .._execution.runner import Counts
 from .._flow.force_flow import ForceFlow
@@ -31,7 +32,7 @@ from .short_names import path_of
 
 def origin(
     base: LaneInput, counts: Counts, *, flow: str, carry: str | None, goes_on: bool
-) -> dict[str, str | int]:
+) -> dict[str, str | int | float]:
     """Attributes of a dataset: everything besides the swept values that determines the results.
 
     `base` is the machine and start where nothing is swept, `flow` the name of the flow between events. `goes_on` is
@@ -40,15 +41,15 @@ def origin(
     own = machine_of(base.system)
     of_force = {} if own.force is None else {"force_parameters": json.dumps(force_parameters(bound(own)))}
     observed = {"observed": ", ".join(counts.observed)} if counts.observed else {}
+    periods = {"transient": int(counts.transient), "record": int(counts.record)}
     return (
         of_force
         | observed
+        | (periods if counts.times is None else {"duration": counts.times[-1]})
         | {
             **attributes_of_system(base.system),
             "x0": json.dumps(np.asarray(base.x0).tolist()),
             "v0": json.dumps(np.asarray(base.v0).tolist()),
-            "transient": int(counts.transient),
-            "record": int(counts.record),
             "lyapunov": int(counts.lyapunov),
             "carry": carry or "none",
             "carry_from": "an earlier sweep" if goes_on else "none",
@@ -110,6 +111,7 @@ def system_of(
         sol = vx.simulate(vx.system_of(point), 0.0, 80.0)
         ```
     """
+    check_is_dataset(ds, "ds", "`vx.sweep`")
     base, swept = _at_points(ds, (), None, allow_forces, force, family)
     found = lanes_with_values(base, swept).system
     return unbound(jax.tree.map(lambda a: jnp.asarray(a[..., 0]), found))

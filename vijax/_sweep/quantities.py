@@ -17,18 +17,20 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from .._execution.points import LaneInput
 from .._execution.records import Column
 from .._execution.runner import Counts
 from .._system.restitution import coefficient
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._trajectory.observer import EXTREMES
+from .._trajectory.observer import EXTREMES, OF_BASE
+from .outcomes import code_of
 
 
 class _Recorded(NamedTuple):
-    """Machines of the points, lanes last; the arguments of their sweep; its variables, and what is observed, points first."""
+    """Machines and starts, lanes last; the arguments of their sweep; its variables, and what is observed, points first."""
 
-    system: ImpactSystem
+    points: LaneInput
     counts: Counts
     tables: dict[str, np.ndarray]
     observed: dict[str, np.ndarray]
@@ -36,12 +38,28 @@ class _Recorded(NamedTuple):
     @property
     def is_done(self) -> np.ndarray:
         """Flags of the points whose motion is known to the end, (points, 1)."""
+        if self.counts.times is not None:
+            reached = [code_of("successful"), code_of("max_impacts_reached")]
+            return np.isin(self.tables["result"], reached)[:, None]
         return np.asarray(np.isfinite(self.tables["section_x"][:, -1]).all(axis=-1))[:, None]
 
     @property
-    def period(self) -> np.ndarray:
-        """Forcing period, (points, 1)."""
-        return self.tables["forcing_period"][:, None]
+    def num_parts(self) -> int:
+        """Number of parts of the record: its periods, or one where none are counted."""
+        return self.counts.record if self.counts.times is None else 1
+
+    @property
+    def part(self) -> np.ndarray:
+        """Duration of a part, (points, 1)."""
+        if self.counts.times is None:
+            return self.tables["forcing_period"][:, None]
+        v = self.tables["v"]
+        return np.full((len(v), 1), self.counts.times[-1], v.dtype)
+
+    @property
+    def span(self) -> np.ndarray:
+        """Time that is recorded, (points, 1)."""
+        return self.num_parts * self.part
 
 
 class _Impact(NamedTuple):
@@ -70,7 +88,12 @@ def checked_quantities(wanted: Sequence[str], system: ImpactSystem, counts: Coun
         available = ", ".join(f'"{name}"' for name in _QUANTITIES)
         given = repr(wanted) if isinstance(wanted, str) else ", ".join(f'"{name}"' for name in unknown)
         raise ValueError(f"Argument `quantities` must be a list of some of {available}, but has {given}.")
-    least = 2 if "mean_velocity" in names else 1
+    of_periods = [name for name in names if name.startswith("section_")]
+    if counts.times is not None and of_periods:
+        raise ValueError(
+            f'The quantity "{of_periods[0]}" is a state at the end of a period, and motions of a `duration` have none: give `ts`.'
+        )
+    least = 2 if "mean_velocity" in names and counts.times is None else 1
     if names and counts.record < least:
         raise ValueError(
             f"Argument `record` must be {least} or more for these `quantities`, but is {counts.record}."
@@ -100,7 +123,7 @@ def observed_for(wanted: Sequence[str]) -> tuple[str, ...]:
 
 def quantity_tables(
     wanted: Sequence[str],
-    system: ImpactSystem,
+    points: LaneInput,
     counts: Counts,
     tables: dict[str, np.ndarray],
     observed: dict[str, np.ndarray],
@@ -109,12 +132,12 @@ def quantity_tables(
 
     Args:
         wanted: their names, checked.
-        system: machines of the points, lanes last.
+        points: machines and starts, lanes last.
         counts: arguments of `sweep` for every point.
         tables: variables of the sweep, points first.
         observed: observed values, points first, see `observed_for`.
     """
-    recorded = _Recorded(system, counts, tables, observed)
+    recorded = _Recorded(points, counts, tables, observed)
     return {name: _QUANTITIES[name](recorded) for name in wanted}
 
 
@@ -124,13 +147,16 @@ def of_points(point: Column, a: np.ndarray) -> np.ndarray:
 
 
 def _impact_rate(recorded: _Recorded) -> np.ndarray:
-    rate = recorded.tables["num_impacts"] / (recorded.counts.record * recorded.period)
-    return np.where(recorded.is_done, rate, np.nan).astype(recorded.period.dtype)
+    rate = recorded.tables["num_impacts"] / recorded.span
+    return np.where(recorded.is_done, rate, np.nan).astype(recorded.part.dtype)
 
 
 def _mean_velocity(recorded: _Recorded) -> np.ndarray:
+    if recorded.counts.times is not None:
+        mean = (recorded.tables["x"] - np.asarray(recorded.points.x0).T) / recorded.span
+        return np.where(recorded.is_done, mean, np.nan)
     x = recorded.tables["section_x"]
-    return (x[:, -1] - x[:, 0]) / (max(recorded.counts.record - 1, 1) * recorded.period)
+    return (x[:, -1] - x[:, 0]) / (max(recorded.num_parts - 1, 1) * recorded.part)
 
 
 def _extreme(name: str, recorded: _Recorded) -> np.ndarray:
@@ -141,8 +167,14 @@ def _peak_to_peak(recorded: _Recorded) -> np.ndarray:
     return _extreme("max_position", recorded) - _extreme("min_position", recorded)
 
 
+def _largest_size(names: tuple[str, str], recorded: _Recorded) -> np.ndarray:
+    """Largest magnitude of a signal from its highest and its lowest value."""
+    highest, lowest = (_extreme(name, recorded) for name in names)
+    return np.maximum(highest, -lowest)
+
+
 def _rms(square: str, recorded: _Recorded) -> np.ndarray:
-    mean = recorded.observed[square] / (recorded.counts.record * recorded.period)
+    mean = recorded.observed[square] / recorded.span
     return np.where(recorded.is_done, np.sqrt(mean), np.nan)
 
 
@@ -160,12 +192,14 @@ def _dissipated_energy(impact: _Impact) -> np.ndarray:
 
 
 def _summed(of_impact: Callable[[_Impact], np.ndarray], recorded: _Recorded) -> np.ndarray:
-    """Sum over the impacts of each period at each stop, (points, periods, stops); NaN where some are not recorded."""
-    system, counts, tables = recorded.system, recorded.counts, recorded.tables
-    stops, period = tables["impact_stop"], recorded.period
-    num_points, num_stops, num_periods = len(stops), system.num_stops, counts.record
-    x = tables["section_x"]
-    found = np.zeros((num_points, num_periods, num_stops), x.dtype)
+    """Sum over the impacts of each period at each stop, (points, periods, stops); NaN where some are not recorded.
+
+    Where no periods are counted the sum is over the motion, (points, stops).
+    """
+    system, counts, tables = recorded.points.system, recorded.counts, recorded.tables
+    stops, period = tables["impact_stop"], recorded.part
+    num_points, num_stops, num_periods = len(stops), system.num_stops, recorded.num_parts
+    found = np.zeros((num_points, num_periods, num_stops), tables["v"].dtype)
     for j in range(num_stops):
         if system.stops[j].is_compliant:  # a force without impacts
             found[..., j] = np.nan
@@ -177,13 +211,15 @@ def _summed(of_impact: Callable[[_Impact], np.ndarray], recorded: _Recorded) -> 
         sums = np.bincount(cell, value, num_points * num_periods)
         found[..., j] = sums.reshape(num_points, num_periods)
     is_cut = tables["num_impacts"].sum(axis=1) > counts.max_impacts
-    is_known = np.isfinite(x).all(axis=-1) & ~is_cut[:, None]
+    if counts.times is not None:
+        return np.where(recorded.is_done & ~is_cut[:, None], found[:, 0], np.nan)
+    is_known = np.isfinite(tables["section_x"]).all(axis=-1) & ~is_cut[:, None]
     return np.where(is_known[..., None], found, np.nan)
 
 
 def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.ndarray) -> _Impact:
     """Recorded impacts at a stop."""
-    system, tables = recorded.system, recorded.tables
+    system, tables = recorded.points.system, recorded.tables
     velocity = tables.get("impact_relative_velocity", tables["impact_velocity"])
     one = system.stops[stop]
     assert isinstance(one, Stop)
@@ -201,20 +237,24 @@ def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.nd
 _QUANTITIES: dict[str, Callable[[_Recorded], np.ndarray]] = {
     "section_position": lambda recorded: recorded.tables["section_x"],
     "section_velocity": lambda recorded: recorded.tables["section_v"],
-    **{name: partial(_extreme, name) for name in EXTREMES},
+    **{name: partial(_extreme, name) for name in EXTREMES if name not in OF_BASE},
     "peak_to_peak": _peak_to_peak,
     "rms_position": partial(_rms, "square_position"),
     "rms_velocity": partial(_rms, "square_velocity"),
+    "rms_acceleration": partial(_rms, "square_acceleration"),
+    "max_absolute_acceleration": partial(_largest_size, OF_BASE),
     "impact_rate": _impact_rate,
     "impulse": partial(_summed, _impulse),
     "dissipated_energy": partial(_summed, _dissipated_energy),
     "mean_velocity": _mean_velocity,
 }
 # Observations that a quantity needs, see `observer.py`.
-_OBSERVED = {name: (name,) for name in EXTREMES} | {
+_OBSERVED = {name: (name,) for name in EXTREMES if name not in OF_BASE} | {
     "peak_to_peak": ("max_position", "min_position"),
     "rms_position": ("square_position",),
     "rms_velocity": ("square_velocity",),
+    "rms_acceleration": ("square_acceleration",),
+    "max_absolute_acceleration": OF_BASE,
 }
 # Dimensions besides those of the points.
 DIMS: dict[str, tuple[str, ...]] = {

@@ -9,17 +9,17 @@ import xarray as xr
 
 from .._execution.cluster import choose_runner
 from .._execution.points import LaneInput
-from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._execution.store import describe_sweep, open_store
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
-from .._jax.arrays import Count, Numbers, whole_number
+from .._jax.arrays import Count, Numbers
 from .._progress import interrupt_with_word_of, says_what_compiles, tqdm
 from .._system.system import AnySystem, machine_of, varied
 from .carry import lanes_of_chains, run_chains
-from .dataset import dataset
+from .counts import RECORD, TRANSIENT, counts_of
+from .dataset import dataset, saved_times
 from .grid import base_of, grid_points, values_of
 from .literals import Carry, Quantity
 from .outcomes import warn_of_endings
@@ -34,8 +34,10 @@ def sweep(
     system: AnySystem,
     values: Mapping[str, Numbers | tuple[str, Numbers]],
     *,
-    transient: Count = 100,
-    record: Count = 20,
+    transient: Count = TRANSIENT,
+    record: Count = RECORD,
+    duration: Numbers | None = None,
+    ts: Numbers | None = None,
     carry: Carry | None = None,
     carry_from: xr.Dataset | None = None,
     x0: Numbers | None = None,
@@ -67,6 +69,9 @@ def sweep(
             `{"A": ("forcing.amplitude[0]", values)}`: its dimension and coordinate are then `A`, as in `ds.A`.
         transient: forcing periods before recording.
         record: forcing periods that are recorded.
+        duration: follow every motion from its start at time 0 for this time, in place of `transient` and `record`: under
+            records and loads of different frequencies, without load, or to see how a motion begins. All of it is recorded.
+        ts: with `duration`, times at which states are saved, in increasing order, (times,).
         carry: None runs every point from the same start. "up" lets every point start where the one before it along
             the first dimension ended, in the order given, "down" in the reverse order, and "both" up and then down
             again, with a dimension `direction` in front. The other dimensions are independent. Positions and
@@ -76,13 +81,15 @@ def sweep(
         x0: positions at the start of every point, (n,); zero if left out.
         v0: velocities at the start of every point, (n,); zero if left out.
         flow: the motion between events. If left out, exact for a linear machine, and `vx.TaylorFlow()` for one with
-            a `force`, which must depend on t with the period of the load, or not at all.
+            a `force`, which must depend on t with the period of the load, or not at all; with `duration` in any way.
         args: passed to the `force` of the machine.
         lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to
             three times as long. They are averaged over the recorded periods, of which there should then be many.
         quantities: names of more variables, to rounding, NaN where unknown. Of the motion in all recorded periods, between
             impacts and at them: "max_position", "min_position", their difference "peak_to_peak", "max_velocity",
-            "min_velocity", "rms_position" and "rms_velocity" (..., mass), and "max_force" (..., stop), the largest
+            "min_velocity", "rms_position" and "rms_velocity" (..., mass); "max_acceleration", "min_acceleration" and
+            "rms_acceleration" (..., mass), between impacts alone, and "max_absolute_acceleration" (..., mass), the largest size
+            of the acceleration with that of the base, see `vx.base_excitation`; and "max_force" (..., stop), the largest
             contact force at a stop that holds its mass or is compliant, without impacts. A sweep with one of these takes
             two to three times as long, with all of them ten times. Of the record, at no cost: "section_position" and
             "section_velocity", which equal `section_x` and `section_v`; "impact_rate" (..., stop), recorded impacts per
@@ -117,10 +124,12 @@ def sweep(
         `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop, complete even
         if the room was not; `section_x` and `section_v`, the state at the end of each recorded `period`, and
         `held_time`, the time for which each stop held its mass in it; the end state `x`, `v`, `stuck`;
-        `forcing_period`; with `lyapunov` the `lyapunov_exponents` per unit of time, the largest first, and their
+        `forcing_period`; with `ts` the states `xs` and `vs` along `time`; with `lyapunov` the `lyapunov_exponents` per unit of time, the largest first, and their
         standard errors `lyapunov_error`, along `exponent`; and `result`, the result code of each point; a warning
         counts those that are not `successful`. Its attributes describe how it was made, see also `vx.system_of`; it
-        may be written to NetCDF and Zarr.
+        may be written to NetCDF and Zarr. Motions followed for a `duration` have neither phases nor periods: `impact_time`
+        counts from the start, `held_time` is that of the whole motion, "impulse" and "dissipated_energy" are its sums, and
+        `impact_phase`, `section_x`, `section_v` and `forcing_period` are absent.
 
     Raises:
         ValueError: for a path that names nothing, a short name that is no identifier or names something else, values
@@ -139,8 +148,15 @@ def sweep(
     References:
         Wagg & Bishop (2004), Secs. 4.4-4.5.
     """
-    counts = _counts(transient, record, max_impacts, max_steps, carry, lyapunov=lyapunov)
+    if carry not in (None, "up", "down", "both"):
+        raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
     base = base_of(varied(system, args), x0, v0)
+    limits = {"max_impacts": max_impacts, "max_steps": max_steps}
+    counts = counts_of(base.system, transient, record, duration, ts, lyapunov=lyapunov, **limits)
+    if counts.times is not None and (carry is not None or carry_from is not None):
+        raise ValueError(
+            "Argument `duration` follows every motion from (x0, v0): leave out `carry` and `carry_from`."
+        )
     by_path, names = without_names(values, base)
     axes = values_of(by_path)
     added = checked_quantities(quantities, machine_of(base.system), counts)
@@ -155,7 +171,7 @@ def sweep(
             return write_sweep(
                 out, base, axes, names, added, counts, flow, executor, settings, progress=progress
             )
-    points = grid_points(base, axes, twice=carry == "both")
+    points = grid_points(base, axes, twice=carry == "both", counts_periods=counts.times is None)
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
     if carry_from is not None:
@@ -171,10 +187,9 @@ def sweep(
     )
     runner = choose_runner(motion, counts, settings, executor)
     if store is not None:
-        manifest = describe_sweep(attributes, axes, points, flow, settings)
-        runner = open_store(
-            store, manifest, runner, settings if executor is None else replace(settings, cores=1)
-        )
+        manifest = describe_sweep(attributes, axes | saved_times(counts), points, flow, settings)
+        sizes = settings if executor is None else replace(settings, cores=1)
+        runner = open_store(store, manifest, runner, sizes, counts.work)
     all_points = np.arange(points.x0.shape[-1])
     with (
         interrupt_with_word_of(store),
@@ -186,28 +201,8 @@ def sweep(
             found = run_chains(points, chain, runner, bar.update, settings)
     ds = with_names(dataset(points, axes, shape, counts, found, attributes, added), names)
     ds = with_labels(ds, base.system)
-    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
     return ds
-
-
-def _counts(
-    transient: Count,
-    record: Count,
-    max_impacts: Count,
-    max_steps: Count | None,
-    carry: str | None,
-    *,
-    lyapunov: bool,
-) -> Counts:
-    """`Counts` from the checked arguments of `sweep`; `can_stick` is determined later."""
-    transient, record = whole_number("transient", transient), whole_number("record", record)
-    max_impacts = whole_number("max_impacts", max_impacts)
-    if carry not in (None, "up", "down", "both"):
-        raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
-    max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
-    if lyapunov and record < 1:
-        raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
-    return Counts(transient, record, max_impacts, max_steps, can_stick=True, lyapunov=bool(lyapunov))
 
 
 def _chain(shape: tuple[int, ...], carry: str | None) -> np.ndarray | None:

@@ -30,7 +30,7 @@ from .._flow.taylor import TaylorFlow
 from .._hybrid.sticking import can_any_stick
 from .._progress import tqdm
 from .._writing import saying_what_is_kept
-from .dataset import coordinates_of, dataset, labelled
+from .dataset import coordinates_of, dataset, labelled, saved_times
 from .folder import Folder, open_folder
 from .grid import grid_points
 from .outcomes import warn_of_endings
@@ -66,8 +66,11 @@ class _Sweep(eqx.Module):
 
     def points(self, axes: dict[str, np.ndarray]) -> LaneInput:
         """Points of a block, two at least: an axis of length one means shared by all."""
-        points = grid_points(self.base, axes)
+        points = self._grid(axes)
         return part_of(points, np.arange(points.x0.shape[-1])) if self.in_all > 1 else points
+
+    def _grid(self, axes: dict[str, np.ndarray]) -> LaneInput:
+        return grid_points(self.base, axes, counts_periods=self.counts.times is None)
 
     def run(self, axes: dict[str, np.ndarray]) -> xr.Dataset:
         """Run a block as a part of the whole."""
@@ -75,7 +78,7 @@ class _Sweep(eqx.Module):
         which = np.arange(math.prod(shape))
         motion = choose_flow(points.system, can_stick=self.counts.can_stick, wanted=self.flow, for_many=True)
         found = Threads(motion, self.counts, self.settings, self.in_all).run(points, which, lambda _: None)
-        ds = dataset(grid_points(self.base, axes), axes, shape, self.counts, found, {}, self.quantities)
+        ds = dataset(self._grid(axes), axes, shape, self.counts, found, {}, self.quantities)
         return with_names(ds, self.names)
 
 
@@ -107,7 +110,7 @@ def write_sweep(
     cores = (settings.cores or count_cores()) if workers is None else 1
     sweep = _Sweep(base, counts, flow, replace(settings, cores=cores), math.prod(shape), names, quantities)
     sweep = _checked_sweep(sweep, axes, workers)
-    block = _block_of(shape, cores * settings.chunk_of(counts.transient + counts.record))
+    block = _block_of(shape, cores * settings.chunk_of(counts.work))
     folder = _open_or_begin(Folder(Path(out).absolute(), shape, block, counts.max_impacts), sweep, axes, flow)
     with tqdm(total=sweep.in_all, unit="point", disable=not progress) as bar:
 
@@ -125,7 +128,7 @@ def write_sweep(
         for size, _ in run_tasks(workers, _write_block, missing(), settings.in_flight):
             bar.update(size)
     ds = folder.open()
-    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
     return ds
 
 
@@ -184,11 +187,13 @@ def _open_or_begin(
     motion = choose_flow(first.system, can_stick=sweep.counts.can_stick, wanted=sweep.flow, for_many=True)
     attributes = origin(sweep.base, sweep.counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     one = with_values(sweep.base, {})
-    manifest = describe_sweep(attributes, axes, one, flow, sweep.settings) | {"layout": _LAYOUT}
+    given = axes | saved_times(sweep.counts)
+    manifest = describe_sweep(attributes, given, one, flow, sweep.settings) | {"layout": _LAYOUT}
     if sweep.names:
         manifest["short names"] = sweep.names
     if sweep.quantities:
         manifest["quantities"] = list(sweep.quantities)
-    coordinates = labelled(xr.Dataset(coords=coordinates_of(one.system, axes), attrs=attributes))
+    coordinates = coordinates_of(one.system, axes, sweep.counts)
+    coordinates = labelled(xr.Dataset(coords=coordinates, attrs=attributes))
     named = with_labels(with_names(coordinates, sweep.names), sweep.base.system)
     return open_folder(folder, named, manifest)

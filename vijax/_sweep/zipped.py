@@ -63,7 +63,8 @@ def sweep_zipped(
     zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
     base = LaneInput(system, zero, zero)
     given = dict(values) | starts
-    points = points_of_lanes(base, given)
+    counts_periods = counts.times is None
+    points = points_of_lanes(base, given, counts_periods=counts_periods)
     for path in values:
         check_column(path)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
@@ -72,7 +73,8 @@ def sweep_zipped(
     attributes = origin(base, own_counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     runner = choose_runner(motion, own_counts, settings, executor)
     filled = np.resize(np.arange(len(states)), max(len(states), beside))
-    whole = points_of_lanes(base, {path: np.asarray(a)[filled] for path, a in given.items()})
+    repeated = {path: np.asarray(a)[filled] for path, a in given.items()}
+    whole = points_of_lanes(base, repeated, counts_periods=counts_periods)
     found = runner.run(whole, np.arange(len(states)), tell)
     numbers = {along: np.arange(len(states))}
     ds = dataset(points, numbers, (len(states),), own_counts, found, attributes, quantities)

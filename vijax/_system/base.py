@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -88,7 +87,10 @@ def _of_acceleration(mass: Float[Array, " n"], acceleration: Any) -> AbstractLoa
             f"Argument `acceleration` must have one column, `values` of shape (knots,), but has shape {values.shape}: the base moves "
             "all masses alike."
         )
-    return eqx.tree_at(lambda load: load.values, acceleration, -values * mass[None])
+    forces = -values * mass[None]
+    if isinstance(acceleration, Tabulated):
+        return Tabulated(acceleration.times, forces, acceleration.kind, from_base=True)
+    return Waveform(acceleration.phases, forces, acceleration.frequency, acceleration.kind, from_base=True)
 
 
 def _of_displacement(
@@ -112,4 +114,4 @@ def _of_displacement(
     order = jnp.arange(1.0, a.size + 1).reshape(a.shape)
     forces = (a * (order * w) ** 2)[..., None] * m.reshape((1,) * a.ndim + m.shape)
     angles = jnp.broadcast_to(angle[..., None], forces.shape)
-    return Harmonic(forces, w, angles, mean)
+    return Harmonic(forces, w, angles, mean, from_base=True)

@@ -20,6 +20,7 @@ from jaxtyping import Array
 
 from .._jax.arrays import Flag, Reals, array_namespace
 from .._jax.concrete import concrete
+from .painleve import check_slip
 
 
 class Rule(NamedTuple):
@@ -46,7 +47,11 @@ NOT_NEGATIVE = Rule(
     "Every `{name}` must be finite and not negative.",
 )
 # A load of frequency 0 is constant and has no period.
-HAS_PERIOD = Rule(lambda a: a > 0, every="Every `{name}` must be positive: a sweep counts forcing periods.")
+HAS_PERIOD = Rule(
+    lambda a: a > 0,
+    every="Every `{name}` must be positive: a sweep counts forcing periods, unless it has a `duration`.",
+)
+RISING = Rule(lambda a: np.diff(a, axis=0) > 0, every="Every swept `{name}` must rise from knot to knot.")
 RESTITUTION = Rule(
     lambda a: (a >= 0) & (a <= 1),
     "lie between 0 (plastic) and 1 (elastic)",
@@ -175,15 +180,20 @@ def _against(one: dict[int, Reals], other: dict[int, Reals]) -> Reals | None:
     return share if (share > 0).all() and np.all(are_opposite) else None
 
 
-def check_machines(system: Any, x0: Array | np.ndarray) -> None:
-    """Reject invalid values of machines or of their starts, all lanes at once; lanes last."""
+def check_machines(system: Any, x0: Array | np.ndarray, *, counts_periods: bool = True) -> None:
+    """Reject invalid values of machines or of their starts, all lanes at once; lanes last.
+
+    `counts_periods` is true where the load must have a period.
+    """
     if system.has_full_mass:
         check_mass_matrices(np.moveaxis(np.asarray(system.mass), -1, 0))
     else:
         check_every("mass", system.mass, POSITIVE)
-    if system.forcing.why_not_periodic:
+    if counts_periods and system.forcing.why_not_periodic:
         raise ValueError(system.forcing.why_not_periodic)
-    check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
+    check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD if counts_periods else NOT_NEGATIVE)
+    for load in system.forcing.loads:
+        load.check_lanes(check_every)
     for name in ("damping", "stiffness"):
         check_finite(name, np.asarray(getattr(system, name)))
     for j, stop in enumerate(system.stops):
@@ -193,6 +203,7 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
     refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
     check_slots(system.stops)
     check_room(system.stops)
+    check_slip(system)
 
 
 def validate_start(
@@ -222,7 +233,8 @@ def _travel_within_a_radian(system: Any, v: Reals) -> Reals:
     forcing = system.forcing
     frequency = forcing.frequency + (forcing.frequency <= 0)
     moved = abs(v).max() / frequency
-    rows = [(element.grip, i, a) for element in system.friction for i, a in element.coefficients.items()]
+    constant = [element for element in system.friction if not element.is_tied]
+    rows = [(element.grip, i, a) for element in constant for i, a in element.coefficients.items()]
     numbers = forcing.frequency, system.mass, system.stiffness
     known = [a for a in map(concrete, (*numbers, *(grip * a for grip, _, a in rows))) if a is not None]
     of_load, structure = jax.tree.flatten(forcing)

@@ -24,6 +24,9 @@ _ARRAYS = ("mass", "damping", "stiffness")
 _OPTIONAL = "stops", "friction", "force", "args", "num_states"
 _OF_MOTION = "amplitude", "phase", "mean"
 _OF_LIMIT = "position", "restitution"
+# Numbers of friction, the one that it must have first.
+_OF_FRICTION = "force", "static", "velocity"
+_OF_TIED_FRICTION = "coefficient", "static_coefficient", "velocity"
 _TYPES = ("float32", "float64")
 
 
@@ -116,8 +119,9 @@ def _law(stop: AnyStop) -> dict[str, Any]:
 
 
 def _rubbing(element: Friction) -> dict[str, Any]:
-    numbers = {"force": element.force, "static": element.static, "velocity": element.velocity}
-    return _described_row(element) | {name: float(a) for name, a in numbers.items() if a is not None}
+    numbers = {name: getattr(element, name) for name in (*_OF_FRICTION, *_OF_TIED_FRICTION)}
+    known = {name: float(a) for name, a in numbers.items() if a is not None}
+    return _described_row(element) | known | ({"contact": element.contact} if element.is_tied else {})
 
 
 def _stop(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> AnyStop:
@@ -152,12 +156,13 @@ def _compliant_stop(
 
 
 def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
-    check_names(f"`{name}`", lists, ("row", "force"), ("static", "velocity"))
-    numbers = {
-        a: one_array(f"{name}.{a}", lists[a], dtype) for a in ("force", "static", "velocity") if a in lists
-    }
+    is_tied = isinstance(lists, dict) and "coefficient" in lists
+    names = _OF_TIED_FRICTION if is_tied else _OF_FRICTION
+    check_names(f"`{name}`", lists, ("row", names[0]), (*names[1:], *(("contact",) if is_tied else ())))
+    numbers = {a: one_array(f"{name}.{a}", lists[a], dtype) for a in names if a in lists}
     try:
-        return Friction(_row(f"{name}.row", lists["row"], dtype), **numbers)
+        row = _row(f"{name}.row", lists["row"], dtype)
+        return Friction(row, **numbers, contact=lists.get("contact", 0) if is_tied else None)
     except ValueError as error:
         raise ValueError(f"In `{name}`: {error}") from error
 
@@ -189,4 +194,5 @@ def _motion(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> H
     if lists is None:
         return None
     check_names(f"`{name}`", lists, ("amplitude",), _OF_MOTION)
-    return Harmonic(frequency=forcing.frequency, **arrays_of(name, lists, dtype))
+    arrays: dict[str, Any] = dict(arrays_of(name, lists, dtype))
+    return Harmonic(frequency=forcing.frequency, **arrays)

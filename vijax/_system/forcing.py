@@ -22,6 +22,8 @@ class Harmonic(AbstractLoad):
             At 0 the load is constant.
         phase: radians, the shape of `amplitude`; zero if left out.
         mean: constant force, shape (n,); zero if left out.
+        from_base: whether this is the inertia force -m_i y'' of a base that moves, as `vx.base_excitation` makes it, but for the mean: the
+            quantity "max_absolute_acceleration" then has the acceleration y'' of the base.
 
     Raises:
         ValueError: for shapes that do not fit together or a negative frequency.
@@ -42,6 +44,7 @@ class Harmonic(AbstractLoad):
     ]  # None in a machine's stop or sum of loads, which has that of the whole load
     phase: Float[Array, "..."]
     mean: Float[Array, "..."]
+    from_base: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -49,6 +52,8 @@ class Harmonic(AbstractLoad):
         frequency: ArrayLike,
         phase: Numbers | None = None,
         mean: Numbers | None = None,
+        *,
+        from_base: bool = False,
     ):
         self.amplitude = as_float(amplitude, "amplitude")
         self.frequency = as_float(frequency, "frequency")
@@ -58,6 +63,7 @@ class Harmonic(AbstractLoad):
             if phase is None
             else as_float(phase, "phase")
         )
+        self.from_base = bool(from_base)
         self.mean = as_float(np.zeros(n, self.amplitude.dtype) if mean is None else mean, "mean")
 
     def __check_init__(self):

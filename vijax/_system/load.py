@@ -1,7 +1,7 @@
 """What all loads have in common, and their sum."""
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,7 +13,7 @@ from .._jax.arrays import Reals
 from .._jax.concrete import concrete
 from .._jax.errors import checked
 from .._printing import as_html, as_text, describe_loads
-from .checks import NOT_NEGATIVE, check_number
+from .checks import NOT_NEGATIVE, Rule, check_number
 
 
 class AbstractLoad(eqx.Module):
@@ -54,6 +54,11 @@ class AbstractLoad(eqx.Module):
     def has_waves(self) -> bool:
         """True for harmonics."""
         return False
+
+    def check_lanes(self, check_every: Callable[[str, Any, Rule], None]) -> None:
+        """Reject values that make no valid load, of many machines at once; lanes last."""
+        if self.frequency is not None:
+            check_every("frequency", self.frequency, NOT_NEGATIVE)
 
     @abc.abstractmethod
     def num_columns(self, lane_axes: int = 0) -> int:
@@ -169,7 +174,7 @@ class LoadSum(AbstractLoad):
 
 _DIFFERENT = (
     "The loads have different frequencies, so there is no forcing period: give them one frequency, or follow the motion in time "
-    "with `vx.simulate`."
+    "with `vx.simulate` or `vx.sweep(..., duration=...)`."
 )
 
 

@@ -11,6 +11,9 @@ from .tabulated import Tabulated, Waveform
 
 _HARMONIC, _WAVEFORM = ("amplitude", "frequency", "phase", "mean"), ("phases", "values", "frequency")
 
+# Entries that are no numbers.
+_WORDS = ("kind", "from_base")
+
 
 def describe_load(load: AbstractLoad) -> dict[str, Any] | list[dict[str, Any]]:
     """Table of a load; a list of tables of a sum, each with its frequency."""
@@ -30,10 +33,11 @@ def build_load(given: Any, dtype: DTypeLike) -> AbstractLoad:
 
 
 def _table(load: Any) -> dict[str, Any]:
+    from_base = {"from_base": True} if load.from_base else {}
     if isinstance(load, Harmonic):
-        return lists_of(load, _HARMONIC)
+        return lists_of(load, _HARMONIC) | from_base
     names = _WAVEFORM if isinstance(load, Waveform) else ("times", "values")
-    return lists_of(load, names) | {"kind": load.kind}
+    return lists_of(load, names) | {"kind": load.kind} | from_base
 
 
 def _built(name: str, lists: Any, dtype: DTypeLike) -> AbstractLoad:
@@ -41,11 +45,13 @@ def _built(name: str, lists: Any, dtype: DTypeLike) -> AbstractLoad:
     if isinstance(lists, dict) and ("times" in lists or "phases" in lists):
         kind = Tabulated if "times" in lists else Waveform
     needed, others = {
-        Harmonic: (_HARMONIC[:2], _HARMONIC),
-        Tabulated: (("times", "values"), ("kind",)),
-        Waveform: (_WAVEFORM, ("kind",)),
+        Harmonic: (_HARMONIC[:2], (*_HARMONIC, "from_base")),
+        Tabulated: (("times", "values"), _WORDS),
+        Waveform: (_WAVEFORM, _WORDS),
     }[kind]
     check_names(f"`{name}`", lists, needed, others)
-    numbers = arrays_of(name, {key: a for key, a in lists.items() if key != "kind"}, dtype)
-    of_table = {"kind": lists["kind"]} if "kind" in lists else {}
-    return kind(**numbers, **of_table)
+    if not isinstance(lists.get("from_base", False), bool):
+        raise ValueError(f"`{name}.from_base` must be true or false, but is {lists['from_base']!r}.")
+    numbers = arrays_of(name, {key: a for key, a in lists.items() if key not in _WORDS}, dtype)
+    words = {key: lists[key] for key in _WORDS if key in lists}
+    return kind(**numbers, **words)

@@ -28,7 +28,10 @@ from .force import BoundForce, as_force, bind_args, name_of_force
 from .forcing import Harmonic
 from .friction import Friction
 from .load import AbstractLoad, LoadSum
+from .painleve import check_slip
 from .stop import Stop
+from .symmetry import Symmetry
+from .symmetry_search import symmetries_of
 
 AnyStop = Stop | Contact | CompliantStop | CompliantContact
 
@@ -130,6 +133,7 @@ class ImpactSystem(eqx.Module):
         self._check_values()
         if self.num_states:
             self._check_states()
+        check_slip(self)
 
     def _check_stops(self):
         places: dict[tuple[int, str], int] = {}
@@ -159,6 +163,13 @@ class ImpactSystem(eqx.Module):
             if unknown:
                 raise ValueError(
                     f"`friction[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
+                )
+
+            if element.contact is not None and element.contact >= len(self.stops):
+                stops = "no stops" if not self.stops else f"stops 0 to {len(self.stops) - 1}"
+                raise ValueError(
+                    f"`friction[{k}].contact` is {element.contact}, but the machine has {stops}: it must be the number of the stop whose "
+                    "force presses."
                 )
 
     def _check_states(self):
@@ -229,6 +240,35 @@ class ImpactSystem(eqx.Module):
     def num_stops(self) -> int:
         """Number of stops."""
         return len(self.stops)
+
+    def symmetries(self, args: object = None) -> tuple[Symmetry, ...]:
+        """Find the symmetries of the machine: maps of its motions to others, by exchange and mirror images of its masses.
+
+        A mass between two equal stops, for instance, under a harmonic load: with x(t) also -x(t + T / 2) is a motion. Numbers
+        count as equal up to rounding. A `force` is compared at random states and times; so is a load.
+
+        Args:
+            args: of the `force`, as for `simulate`.
+
+        Returns:
+            All of them but the identity, see `vx.Symmetry`; none if the machine has none.
+
+        Raises:
+            ValueError: if the numbers of the machine are traced, or if it has too many symmetries, as of equal masses that
+                nothing couples.
+
+        Example:
+            ```python
+            import vijax as vx
+            stops = [vx.Stop(0, 0.5, "upper", 0.8), vx.Stop(0, -0.5, "lower", 0.8)]
+            machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([1.0], 2.0), stops)
+            machine.symmetries()  # x0 -> -x0, half a period later
+            ```
+
+        References:
+            M. Golubitsky, I. Stewart & D. G. Schaeffer, Singularities and Groups in Bifurcation Theory II (1988), Ch. XVI.
+        """
+        return symmetries_of(self, args)
 
 
 class AbstractFamily(eqx.Module):

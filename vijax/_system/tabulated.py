@@ -1,5 +1,8 @@
 """Loads by tables: a record in time, and a wave form that repeats."""
 
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -7,9 +10,11 @@ from jaxtyping import Array, ArrayLike, Float
 from .._jax.arrays import Numbers, Reals, as_float
 from .._jax.concrete import concrete
 from .._printing import as_html, as_text, describe_tabulated, describe_waveform
-from .checks import FINITE, POSITIVE, check_number, check_one
+from .checks import FINITE, POSITIVE, RISING, Rule, check_number, check_one
 from .load import AbstractLoad, with_more_columns
 from .splines import KINDS, derivatives_at_knots
+
+_IN_PERIOD = Rule(lambda a: (a >= 0) & (a < 2 * np.pi), every="Every swept `{name}` must lie in [0, 2 pi).")
 
 
 class Tabulated(AbstractLoad):
@@ -26,6 +31,8 @@ class Tabulated(AbstractLoad):
         kind: "linear" between the knots; "previous", steps, each value up to the next time (the last value is not used);
             "cubic", a spline with two continuous derivatives and a third at the last but one knots on both sides
             (not-a-knot): of two knots a line, of three a parabola.
+        from_base: whether this is the inertia force -m_i y'' of a base that moves, as `vx.base_excitation` makes it: the
+            quantity "max_absolute_acceleration" then has the acceleration y'' of the base.
 
     Raises:
         ValueError: for shapes that do not fit together, fewer than two knots, times that do not rise, numbers that are not
@@ -45,10 +52,11 @@ class Tabulated(AbstractLoad):
     times: Float[Array, "knots ..."]
     values: Float[Array, "knots n ..."]
     kind: str = eqx.field(static=True)
+    from_base: bool = eqx.field(static=True)
 
-    def __init__(self, times: Numbers, values: Numbers, kind: str = "linear"):
+    def __init__(self, times: Numbers, values: Numbers, kind: str = "linear", *, from_base: bool = False):
         self.times, self.values = as_float(times, "times"), _of_masses(values)
-        self.kind = kind
+        self.kind, self.from_base = kind, bool(from_base)
 
     def __check_init__(self):
         _check_table("times", self.times, self.values, self.kind)
@@ -62,9 +70,13 @@ class Tabulated(AbstractLoad):
     def why_not_periodic(self) -> str:
         """Reason why there is no forcing period, and what to do."""
         return (
-            "A `vx.Tabulated` load does not repeat, so there is no forcing period: follow the motion in time with `vx.simulate`, "
-            "or give the load as a `vx.Waveform`."
+            "A `vx.Tabulated` load does not repeat, so there is no forcing period: follow the motion in time with `vx.simulate` or "
+            "`vx.sweep(..., duration=...)`, or give the load as a `vx.Waveform`."
         )
+
+    def check_lanes(self, check_every: Callable[[str, Any, Rule], None]) -> None:
+        """Reject times that do not rise, of many machines at once; lanes last."""
+        check_every("times", self.times, RISING)
 
     def num_columns(self, lane_axes: int = 0) -> int:
         """Number of masses; lanes may be last."""
@@ -76,7 +88,7 @@ class Tabulated(AbstractLoad):
 
     def with_more(self, count: int) -> "Tabulated":
         """The load, zero on some more coordinates."""
-        return Tabulated(self.times, with_more_columns(self.values, count), self.kind)
+        return eqx.tree_at(lambda load: load.values, self, with_more_columns(self.values, count))
 
     def derivatives(self) -> Reals:
         """Derivatives of the load by time where each interval begins, (knots - 1, orders, n); lanes may be last."""
@@ -105,6 +117,8 @@ class Waveform(AbstractLoad):
         frequency: angular frequency W, positive, in radians per time.
         kind: "linear" between the knots; "previous", steps, as of a square wave; "cubic", a periodic spline with two
             continuous derivatives.
+        from_base: whether this is the inertia force -m_i y'' of a base that moves, as `vx.base_excitation` makes it: the
+            quantity "max_absolute_acceleration" then has the acceleration y'' of the base.
 
     Raises:
         ValueError: for shapes that do not fit together, fewer than two knots, phases that do not rise or lie outside
@@ -125,11 +139,20 @@ class Waveform(AbstractLoad):
     values: Float[Array, "knots n ..."]
     frequency: Float[Array, "..."]  # None in a sum whose loads share one
     kind: str = eqx.field(static=True)
+    from_base: bool = eqx.field(static=True)
 
-    def __init__(self, phases: Numbers, values: Numbers, frequency: ArrayLike, kind: str = "linear"):
+    def __init__(
+        self,
+        phases: Numbers,
+        values: Numbers,
+        frequency: ArrayLike,
+        kind: str = "linear",
+        *,
+        from_base: bool = False,
+    ):
         self.phases, self.values = as_float(phases, "phases"), _of_masses(values)
         self.frequency = as_float(frequency, "frequency")
-        self.kind = kind
+        self.kind, self.from_base = kind, bool(from_base)
 
     def __check_init__(self):
         _check_table("phases", self.phases, self.values, self.kind)
@@ -142,6 +165,13 @@ class Waveform(AbstractLoad):
         if self.frequency is not None:
             check_number("frequency", self.frequency, POSITIVE)
 
+    def check_lanes(self, check_every: Callable[[str, Any, Rule], None]) -> None:
+        """Reject phases that do not rise within a period, and frequencies that are not positive; lanes last."""
+        check_every("phases", self.phases, RISING)
+        check_every("phases", self.phases, _IN_PERIOD)
+        if self.frequency is not None:
+            check_every("frequency", self.frequency, POSITIVE)
+
     def num_columns(self, lane_axes: int = 0) -> int:
         """Number of masses; lanes may be last."""
         return self.values.shape[self.values.ndim - lane_axes - 1]
@@ -152,7 +182,7 @@ class Waveform(AbstractLoad):
 
     def with_more(self, count: int) -> "Waveform":
         """The load, zero on some more coordinates."""
-        return Waveform(self.phases, with_more_columns(self.values, count), self.frequency, self.kind)
+        return eqx.tree_at(lambda load: load.values, self, with_more_columns(self.values, count))
 
     def derivatives(self) -> Reals:
         """Derivatives of the load by its phase where each interval begins, (knots, orders, n); lanes may be last."""

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._hybrid.limits import EVENT_NAMES, EVENTS, STICK, SWITCHING_EVENTS, EventKind
+from .._hybrid.limits import EVENT_NAMES, EVENTS, IMPACT, STICK, SWITCHING_EVENTS, EventKind
 from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, append_axes
 from .._jax.concrete import concrete
@@ -39,6 +39,8 @@ class EventLog(eqx.Module):
         velocity_plus: velocity just after, likewise.
         impulse: m (velocity_plus - velocity_minus) for a stop; for a contact the impulse along its row that opens its
             gap, not negative, (events,).
+        friction_impulse: of an impact on a contact with friction: the impulse P of the friction, which acts on the masses with
+            -row P; summed up if the contact has several friction elements, (events,). None without friction of contacts.
     """
 
     t: Float[Array, " events"]
@@ -47,6 +49,7 @@ class EventLog(eqx.Module):
     velocity_minus: Float[Array, " events"]
     velocity_plus: Float[Array, " events"]
     impulse: Float[Array, " events"]
+    friction_impulse: Float[Array, " events"] | None = None
 
     def to_dataframe(self) -> "pd.DataFrame":
         """Convert to a table with one row per event, in time order, without padding.
@@ -76,7 +79,8 @@ class EventLog(eqx.Module):
                 "take its trajectories one by one, as in `jax.tree.map(lambda a: a[0], sol.events)`."
             )
         is_event = np.asarray(self.kind) >= 0
-        names = ("t", "stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+        names = ["t", "stop", "kind", "velocity_minus", "velocity_plus", "impulse"]
+        names += [] if self.friction_impulse is None else ["friction_impulse"]
         columns = {name: np.asarray(getattr(self, name))[is_event] for name in names}
         return pd.DataFrame(columns | {"kind": [EVENT_NAMES[kind] for kind in columns["kind"]]})
 
@@ -176,7 +180,8 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
     none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
     impulse = zeros if has_impulses else None
     switched = None if first.mode is None else no_switches(first)
-    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse, switched)
+    rubbed = zeros if first.mode is not None and first.mode.paradox is not None else None
+    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse, switched, rubbed)
     return Log(
         restarts=Restarts(
             t=rows(t0, jnp.inf),
@@ -296,7 +301,11 @@ def event_log(
         impulse = machine.contacts.effective_mass[stop] * (plus - minus)
     t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in (t, minus, plus, impulse))
     stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
-    return EventLog(t, stop, kind, minus, plus, impulse)
+    if instants.friction_impulse is None:
+        return EventLog(t, stop, kind, minus, plus, impulse)
+    rubbed = jax.vmap(machine.contacts.of_friction_at)(instants.friction_impulse)[row, stop]
+    rubbed = jnp.where(kind == IMPACT, rubbed, 0)
+    return EventLog(t, stop, kind, minus, plus, impulse, jnp.where(is_event, rubbed, jnp.nan))
 
 
 def _flags_of(instants: Instant) -> Bool[Array, "rows flags"]:

@@ -94,7 +94,8 @@ def _lowest(
     machine: Machine, state: State
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Second derivative of every gap, the minimum of its cubic from this state, and the time to the minimum."""
-    machine, hold = machine.in_mode(state), machine.hold(state.held)
+    machine = machine.in_mode(state)
+    hold = machine.hold(state.held)
     now, slope = rates(machine, state, hold), -machine.approach(state)
     curvature = -machine.contacts.pull(now.force, hold, state.phase)
     third = -machine.contacts.pull(now.force_rate, hold, machine.phase_rate(state.phase))

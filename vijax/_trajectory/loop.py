@@ -175,8 +175,7 @@ class LoopTask(AbstractTask):
         """Fly towards the goal, at most to the end of the period."""
         goal = jnp.minimum(goal, len(self.goal_times) - 1)
         goal_periods, goal_time = (row_of_lane(a, goal) for a in (self.goal_periods, self.goal_times))
-        is_last_period = state.periods >= goal_periods
-        target = jnp.where(is_last_period, goal_time, self.machine.period)
+        target, is_last_period = next_target(self.machine, state, (goal_periods, goal_time))
         flight = flight_to(self.flow, self.machine, state, target, self.resolution)
         after, instant = outcome(self.machine, flight)
         return Leg(flight, after, instant, instant.arrived & is_last_period)
@@ -186,9 +185,21 @@ class LoopTask(AbstractTask):
         return start_period(leg.after, self.phase0, leg.instant.arrived & ~leg.is_goal)
 
 
+def next_target(
+    machine: Machine, state: State, goal: tuple[Int[Array, "..."], Scalar]
+) -> tuple[Scalar, Bool[Array, "..."]]:
+    """Local time at which to end a step at the latest, and whether it is that of the goal, or the end of a period before.
+
+    `goal` is counted in whole periods and a rest, see `in_periods`.
+    """
+    is_last_period = state.periods >= goal[0]
+    return jnp.where(is_last_period, goal[1], machine.period), is_last_period
+
+
 def is_finite(state: State) -> Bool[Array, "..."]:
-    """True where a motion is finite."""
-    return jnp.all(jnp.isfinite(state.x + state.v), axis=0) & jnp.isfinite(state.time)
+    """True where a motion is finite, and no friction of contacts was left without a choice."""
+    finite = jnp.all(jnp.isfinite(state.x + state.v), axis=0) & jnp.isfinite(state.time)
+    return finite if state.mode is None or state.mode.paradox is None else finite & ~state.mode.paradox
 
 
 def run_without_derivatives(
@@ -274,7 +285,9 @@ def prepare_loop(
         vs=saved,
         goal=jnp.zeros(t0.shape, int),
         steps=jnp.zeros(t0.shape, int),
-        is_finite=r.is_sound,
+        is_finite=r.is_sound
+        if first.mode is None or first.mode.paradox is None
+        else r.is_sound & ~first.mode.paradox,
         grazing=no_grazing(t0),
     )
     task = LoopTask(
@@ -308,6 +321,8 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
     result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
     result = RESULTS.where(is_done, result, RESULTS.max_steps_reached)
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
+    if state.mode is not None and state.mode.paradox is not None:
+        result = RESULTS.where(state.mode.paradox, RESULTS.friction_paradox, result)
     result = RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
     x1, v1 = machine.in_space(state)
     num_stops = machine.contacts.num_stops

@@ -37,8 +37,18 @@ EXTREMES = {
     "max_velocity": ("velocity", 1),
     "min_velocity": ("velocity", -1),
     "max_force": ("force", 1),
+    "max_acceleration": ("acceleration", 1),
+    "min_acceleration": ("acceleration", -1),
+    "highest_absolute_acceleration": ("absolute acceleration", 1),
+    "lowest_absolute_acceleration": ("absolute acceleration", -1),
 }
-SQUARES = {"square_position": "position", "square_velocity": "velocity"}
+SQUARES = {
+    "square_position": "position",
+    "square_velocity": "velocity",
+    "square_acceleration": "acceleration",
+}
+# Those that need the part of the load that a moving base makes.
+OF_BASE = ("highest_absolute_acceleration", "lowest_absolute_acceleration")
 # Nodes of a step: squares, of at most 6 rad, are integrated to rounding.
 _NODES = 12
 # Newton steps: the cubic places an extreme to 1e-3 of a step, and its value has no error of first order.
@@ -175,14 +185,16 @@ def _seen(
     names = lambda s: (s.time, s.x, s.v, s.phase)  # noqa: E731
 
     def signals(*moving: Array) -> Array:
-        found = _signals(machine, eqx.tree_at(names, state, moving), hold)
+        found = _signals(
+            machine, eqx.tree_at(names, state, moving), hold, {EXTREMES[name][0] for name in extremes}
+        )
         rows = [EXTREMES[name][1] * found[EXTREMES[name][0]] for name in extremes]
         return jnp.concatenate([jnp.zeros_like(state.x[:0]), *rows])
 
     acceleration = rates(machine, state, hold).acceleration
     along = jnp.ones_like(state.time), state.v, acceleration, machine.phase_rate(state.phase)
     values, slopes = jax.jvp(signals, names(state), along)
-    found = _signals(machine, state, hold)
+    found = _signals(machine, state, hold, {SQUARES[name] for name in squares})
     rows = [found[SQUARES[name]] for name in squares]
     squared = jnp.concatenate([jnp.zeros_like(state.x[:0]), *rows]) ** 2
     return _Sight(time, values, slopes, squared)
@@ -224,14 +236,20 @@ def _turns(num_signals: int, dtype: DTypeLike) -> tuple[Array, Array, Array]:
     return jnp.asarray(nodes, dtype), jnp.asarray(weights, dtype), jnp.asarray(numbers)
 
 
-def _signals(machine: Machine, state: State, hold: Held) -> dict[str, Array]:
-    """Positions and velocities in space, and the forces of the stops, (masses or stops, ...) each."""
+def _signals(machine: Machine, state: State, hold: Held, names: set[str]) -> dict[str, Array]:
+    """Motion of the masses in space, and the forces of the stops, (masses or stops, ...) each."""
     x, v = machine.in_space(state)
     contacts = machine.contacts
-    pressing = contacts.contact_force(machine.total_force(state), hold, state.phase)
+    load = machine.total_force(state)
+    pressing = contacts.contact_force(load, hold, state.phase)
     free = jnp.zeros_like(pressing) if state.mode is None else contacts.forces_of(state)
     force = jnp.where(state.held, pressing, free)[: contacts.num_stops]
-    return {"position": x, "velocity": v, "force": force}
+    found = {"position": x, "velocity": v, "force": force}
+    if "acceleration" in names or "absolute acceleration" in names:
+        found["acceleration"] = machine.acceleration_in_space(state, load, hold)
+    if "absolute acceleration" in names:
+        found["absolute acceleration"] = machine.absolute(found["acceleration"], state)
+    return found
 
 
 def _lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:

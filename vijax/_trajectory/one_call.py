@@ -135,14 +135,15 @@ class _Sizes(NamedTuple):
     num_columns: int
     dtype: np.dtype
     is_switching: bool
+    is_tied: bool
     knots: KnotsLayout | None
 
 
 def _sizes(numbers: MachineNumbers) -> _Sizes:
-    is_switching = numbers.laws is not None
+    is_switching, is_tied = numbers.laws is not None, numbers.has_tied_friction
     num_contacts, n = numbers.rows.shape
     return _Sizes(
-        num_contacts, n, numbers.num_columns, numbers.mass.dtype, is_switching, numbers.knots_layout
+        num_contacts, n, numbers.num_columns, numbers.mass.dtype, is_switching, is_tied, numbers.knots_layout
     )
 
 
@@ -235,7 +236,7 @@ def _has_memory(flow: AbstractFlow) -> bool:
 
 @lru_cache
 def _nothing(sizes: _Sizes) -> CallProgress:
-    num_contacts, n, num_columns, real_type, is_switching, knots = sizes
+    num_contacts, n, num_columns, real_type, is_switching, is_tied, knots = sizes
 
     def zeros(dtype: DTypeLike, *shape: int) -> Array:
         return jax.device_put(np.zeros(shape, dtype))
@@ -251,7 +252,7 @@ def _nothing(sizes: _Sizes) -> CallProgress:
         gap=zeros(real_type, num_contacts),
         held=zeros(bool, num_contacts),
         contact=zeros(np.int8, num_contacts),
-        mode=idle_mode(zeros(real_type, num_contacts)) if is_switching else None,
+        mode=idle_mode(zeros(real_type, num_contacts), is_tied=is_tied) if is_switching else None,
         knots=None if knots is None else knots.blank(real),
     )
     return CallProgress(

@@ -62,6 +62,10 @@ class RESULTS(eqx.Enumeration):
         "max_reverse_steps_reached: no longer used, as derivatives in reverse mode have no bound on the steps any more. "
         "Leave out `max_reverse_steps`."
     )
+    friction_paradox = (
+        "friction_paradox: the motion stopped before its end, where contacts with friction neither hold, slip nor open in agreement "
+        "with the laws (Painleve). Lower the coefficients of friction, or let a contact yield: `vx.CompliantContact`."
+    )
 
 
 def result_sentences(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, list[str]]:
@@ -151,8 +155,40 @@ class Solution(eqx.Module):
             x, v = sol.evaluate(jnp.linspace(0.0, 50.0, 1001))
             ```
         """
-        x, v, _ = self._at(t)
-        return x, v
+        now = self._at(t)
+        return now.x, now.v
+
+    @property
+    def accelerations(self) -> Float[Array, "*lanes times n"]:
+        """Accelerations at `ts`, see `acceleration`; (times, n), behind the axes of a batch."""
+        if self.t1.ndim == 0:
+            return self.acceleration(self.ts)
+        return _evaluate_batch(self, self.ts, in_axes=(0, 0)).acceleration
+
+    def acceleration(self, t: Numbers) -> Float[Array, "... n"]:
+        """Evaluate accelerations at any time, as exactly as the trajectory itself.
+
+        At the time of an event it is that after the event. A mass that a stop holds has that of its stop. An impact, which
+        is a jump of the velocity, has no acceleration: `events.impulse` measures it.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            Accelerations, of the shape of `t` and then (n,), behind the axes of a batch; NaN where `evaluate` is. Of a machine on
+            a moving base they are relative to the base, as positions are.
+
+        Raises:
+            ValueError: as for `evaluate`.
+
+        Example:
+            ```python
+            import vijax as vx
+            sol = vx.simulate(vx.models.wagg_bishop_a(0.8), 0.0, 50.0)
+            acceleration = sol.acceleration(50.0)
+            ```
+        """
+        return self._at(t).acceleration
 
     def contact_force(self, t: Numbers) -> Float[Array, "... stops"]:
         """Evaluate the contact force of each stop while it holds its mass; 0 while it does not.
@@ -179,7 +215,7 @@ class Solution(eqx.Module):
         References:
             Wagg & Bishop (2004), Eqs. 19-20.
         """
-        return self._at(t)[2][..., : self.stuck1.shape[-1]]
+        return self._at(t).force[..., : self.stuck1.shape[-1]]
 
     def friction_force(self, t: Numbers) -> Float[Array, "... friction"]:
         """Evaluate the force T of each friction element, which acts on the masses with -row T.
@@ -202,7 +238,7 @@ class Solution(eqx.Module):
             force = vx.simulate(system, 0.0, 50.0).friction_force(50.0)
             ```
         """
-        return self._at(t)[2][..., self.stuck1.shape[-1] :]
+        return self._at(t).force[..., self.stuck1.shape[-1] :]
 
     def evaluate_stops(self, t: Numbers) -> tuple[Float[Array, "... stops"], Float[Array, "... stops"]]:
         """Evaluate positions and velocities of the stops at any time.
@@ -230,7 +266,8 @@ class Solution(eqx.Module):
 
         Returns:
             Dataset of `x` and `v` at the saved times, (time, mass); the logged events, (event,): `event_time`,
-            `event_stop`, `event_kind` with its flags, `event_velocity_minus`, `event_velocity_plus`, `event_impulse`;
+            `event_stop`, `event_kind` with its flags, `event_velocity_minus`, `event_velocity_plus`, `event_impulse`,
+            and `event_friction_impulse` with friction of contacts;
             the end state `x1`, `v1`, `stuck1`; `result` with its flags; and the other attributes of this class. A
             batch of `jax.vmap` has `lane` as first dimension, and its events are padded with NaN and -1 to the
             longest log.
@@ -261,18 +298,15 @@ class Solution(eqx.Module):
         return as_html(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
 
     @padding_allowed
-    def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
+    def _at(self, t: Numbers) -> "_Evaluated":
         if self.t1.ndim == 0 and not is_traced((self, t)):
             return _evaluate_known(self, np.asarray(t, self.t0.dtype))
         times = jnp.asarray(t, self.t0.dtype)
-        evaluate = evaluate_all
-        for _ in range(self.t1.ndim):
-            evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
-        found = evaluate(self, times.ravel())
+        found = _evaluate_batch(self, times.ravel(), in_axes=(0, None))
         is_outside = _is_outside(self, times)
         if concrete(is_outside):
             raise ValueError(_OUTSIDE)
-        found = tuple(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found)
+        found = _Evaluated(*(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found))
         return checked(found, is_outside.astype(int), ("", _OUTSIDE))
 
 
@@ -294,8 +328,17 @@ def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
     return ~((t >= t0 - slack) & (t <= t1 + slack)).all()
 
 
-def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at concrete times, `_TIMES` of them at once."""
+class _Evaluated(NamedTuple):
+    """A motion at times: positions, velocities, forces of contacts and friction, and accelerations."""
+
+    x: Array
+    v: Array
+    force: Array
+    acceleration: Array
+
+
+def _evaluate_known(solution: Solution, times: np.ndarray) -> _Evaluated:
+    """The motion at concrete times, `_TIMES` of them at once."""
     if _is_outside(solution, times):
         raise ValueError(_OUTSIDE)
     t0, t1, known_until = (np.asarray(a) for a in (solution.t0, solution.t1, solution.known_until))
@@ -311,8 +354,7 @@ def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array
         parts.append(_coasted(solution.prepared, request))
     is_known = (t <= known_until)[:, None]
     whole = (np.where(is_known, np.concatenate(columns), np.nan) for columns in zip(*parts, strict=True))
-    x, v, force = (jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole)
-    return x, v, force
+    return _Evaluated(*(jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole))
 
 
 class _Times(NamedTuple):
@@ -334,19 +376,28 @@ class _Times(NamedTuple):
 
 
 @jit_lightly
-def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at the times of a request."""
+def _coasted(prepared: Packed, request: _Times) -> _Evaluated:
+    """The motion at the times of a request."""
     machine, flow = prepared.unpacked_by_kernel()
     flow = flow.compact()
 
-    def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array]:
+    def at(start: Restarts, t: Scalar) -> _Evaluated:
         return _from_restart(machine, flow, request.phase0, start, t, request.t0, request.max_steps)
 
     return jax.vmap(at)(request.starts, request.times)
 
 
-def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at times; NaN where the motion is unknown."""
+def _evaluate_batch(
+    solution: Solution, times: Float[Array, "..."], *, in_axes: tuple[int, int | None]
+) -> _Evaluated:
+    """The motion at times, of each trajectory of a batch; NaN where it is unknown."""
+    evaluate = _evaluate_all
+    for _ in range(solution.t1.ndim):
+        evaluate = eqx.filter_vmap(evaluate, in_axes=in_axes)
+    return evaluate(solution, times)
+
+
+def _evaluate_all(solution: Solution, times: Float[Array, " times"]) -> _Evaluated:
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
 
 
@@ -357,7 +408,7 @@ def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array
     return jnp.vectorize(of_one, signature="()->(stops),(stops)")(times)
 
 
-def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
+def _evaluate(solution: Solution, t: Scalar) -> _Evaluated:
     """Follow the smooth motion from the last event before t."""
     rows = solution.restarts
     t = jnp.clip(t, solution.t0, solution.t1)
@@ -366,11 +417,10 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     start = jax.tree.map(lambda a: a[row], rows)
     request = solution.prepared, rows.phase[0], start, t, solution.t0, solution.max_steps
     found = differentiable(_followed, request)
-    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in found)
-    return x, v, force
+    return _Evaluated(*(jnp.where(is_known, a, jnp.nan) for a in found))
 
 
-def _followed(request: tuple) -> tuple[Array, Array, Array]:
+def _followed(request: tuple) -> _Evaluated:
     """Follow the smooth motion by a loop, which JAX differentiates forwards alone."""
     prepared, *rest = request
     machine, flow = prepared.unpacked()
@@ -385,7 +435,7 @@ def _from_restart(
     t: Scalar,
     t0: Reals,
     max_steps: Reals,
-) -> tuple[Array, Array, Array]:
+) -> _Evaluated:
     """Follow the smooth motion from an event to a time before the next."""
     state = state_before_contact(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
@@ -400,10 +450,12 @@ def _from_restart(
     now = machine.in_mode(state)
     state = coast(flow, now, state, phase0, periods, time, max_steps)
     hold = now.hold(state.held)
+    force = now.total_force(state)
+    acceleration = now.acceleration_in_space(state, force, hold)
     if state.mode is not None:
-        return *machine.in_space(state), forces_between_events(machine, state)
-    pressing = now.contacts.contact_force(now.total_force(state), hold, state.phase)
-    return *machine.in_space(state), jnp.where(state.held, pressing, 0)
+        return _Evaluated(*machine.in_space(state), forces_between_events(machine, state), acceleration)
+    pressing = now.contacts.contact_force(force, hold, state.phase)
+    return _Evaluated(*machine.in_space(state), jnp.where(state.held, pressing, 0), acceleration)
 
 
 @padding_allowed
@@ -411,7 +463,8 @@ def _dataset(solution: Solution) -> "xr.Dataset":
     """Dataset of one trajectory, or of a batch with lanes first."""
     log, grazing = solution.events, solution.grazing
     longest = int(jnp.max(solution.num_events, initial=0))
-    names = ("stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+    names = ["stop", "kind", "velocity_minus", "velocity_plus", "impulse"]
+    names += [] if log.friction_impulse is None else ["friction_impulse"]
     events = {"event_time": log.t} | {f"event_{name}": getattr(log, name) for name in names}
     columns: dict[str, tuple[tuple[str, ...], Any]] = {
         "x": (("time", "mass"), solution.xs),

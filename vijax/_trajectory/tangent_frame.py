@@ -64,10 +64,13 @@ def advance_with(
     moved, flight = jax.vmap(fly_along, out_axes=(0, None))(tangents.frame)
     after, instant, (x, v, delay) = compute_once(_resolved, machine, flight, moved)
     # A step to an event ends later, or earlier, by `delay`: refer the perturbation to one time.
-    now = compute_once(rates, machine.in_mode(after), after, machine.hold(after.held))
+    there = machine.in_mode(after)
+    now = compute_once(rates, there, after, there.hold(after.held))
     x, v = x - after.v[None] * delay[:, None], v - now.acceleration[None] * delay[:, None]
     frame = jnp.concatenate([x * machine.frequency, v], axis=1)
     is_plastic = instant.hit & machine.contacts.is_plastic
+    if machine.has_tied_friction:  # which an impact may bring to rest
+        is_plastic = instant.hit
     erases = jnp.any(instant.stuck | is_plastic, axis=0)
     frame, growth = compute_once(orthonormal, frame, erases)
     return after, instant, Tangents(frame, tangents.growth + growth)

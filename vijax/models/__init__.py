@@ -8,6 +8,7 @@ from ._balls import (
     bouncing_ball as bouncing_ball,
 )
 from ._beams import cantilever as cantilever
+from ._buildings import pounding_buildings as pounding_buildings
 from ._chains import (
     uniform_chain as uniform_chain,
     wagg_bishop_a as wagg_bishop_a,
@@ -21,7 +22,10 @@ from ._friction import (
     friction_oscillator as friction_oscillator,
     soft_impact_oscillator as soft_impact_oscillator,
 )
-from ._gears import gear_pair as gear_pair
+from ._gears import (
+    gear_mesh as gear_mesh,
+    gear_pair as gear_pair,
+)
 from ._nonlinear import (
     CubicSpring as CubicSpring,
     PendulumWeight as PendulumWeight,
@@ -34,10 +38,16 @@ from ._oscillators import (
     two_sided_oscillator as two_sided_oscillator,
 )
 from ._percussion import (
+    drop_hammer as drop_hammer,
     percussive_drill as percussive_drill,
     vibro_impact_harvester as vibro_impact_harvester,
 )
 from ._pistons import multi_piston as multi_piston
+from ._rotors import (
+    shaken_oscillator as shaken_oscillator,
+    unbalanced_rotor as unbalanced_rotor,
+)
+from ._woodpecker import woodpecker as woodpecker
 
 for _public in list(globals().values()):
     with_short_signature(_public)

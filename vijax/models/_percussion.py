@@ -3,13 +3,16 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import as_float
+from .._jax.arrays import Numbers, as_float
+from .._jax.concrete import evaluate_eagerly
 from .._system.base import base_excitation
+from .._system.checks import check_shape
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.friction import Friction
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
+from .._system.tabulated import Tabulated
 
 
 def percussive_drill(
@@ -119,3 +122,61 @@ def vibro_impact_harvester(
     load = base_excitation(m[None], amplitude, frequency, phase, weight[None])
     stops = [Stop(0, half, "upper", restitution), Stop(0, -half, "lower", restitution)]
     return ImpactSystem(m[None], [[0.0]], [[0.0]], load, stops)
+
+
+@evaluate_eagerly
+def drop_hammer(
+    pulse: ArrayLike = 30.0,
+    duration: ArrayLike = 0.2,
+    *,
+    drop: ArrayLike = 1.0,
+    masses: Numbers = (1.0, 20.0),
+    stiffness: ArrayLike = 2000.0,
+    damping_ratio: ArrayLike = 0.1,
+    restitution: ArrayLike = 0.3,
+    gravity: ArrayLike = 9.81,
+) -> ImpactSystem:
+    """Build a hammer whose ram is thrown down on an anvil by a pulse.
+
+    Mass 0 is the ram, which falls under its weight and a constant force over the duration T of the pulse. Mass 1 is the
+    anvil on the spring and the damper of its foundation. Positions point downwards, from the raised ram and from the anvil
+    at rest under its own weight. The blow comes where x_0 - x_1 = drop. With the force P the ram has, after the time T,
+    the velocity u = (P / m + g) T and the way u T / 2; the rest of the way it falls. A blow at the
+    relative velocity v loses (1 - r^2) m_0 m_1 v^2 / (2 (m_0 + m_1)), the work on the piece.
+
+    Args:
+        pulse: P, a force on the ram.
+        duration: T of the pulse, from time 0.
+        drop: way of the ram to the anvil.
+        masses: of ram and anvil, (2,).
+        stiffness: k of the foundation.
+        damping_ratio: zeta of the anvil on it.
+        restitution: r of the blow; small for hot pieces.
+        gravity: g, an acceleration.
+
+    Returns:
+        The machine, which starts at rest: `vx.simulate(system, 0.0, t1)`, `vx.sweep(..., duration=t1)`.
+
+    Raises:
+        ValueError: unless there are two masses.
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.drop_hammer()
+        values = {"stops[0].restitution": [0.2, 0.4, 0.6]}
+        ds = vx.sweep(system, values, duration=3.0, quantities=["max_position"])
+        ```
+
+    References:
+        D. D. Barkan, Dynamics of Bases and Foundations (1962), Ch. V.
+    """
+    mass, k = as_float(masses), as_float(stiffness)
+    check_shape("masses", mass, (2,))
+    push = jnp.stack([as_float(pulse), jnp.zeros(())])
+    load = Tabulated(jnp.stack([jnp.zeros(()), as_float(duration)]), jnp.stack([push, push]), kind="previous")
+    weight = Harmonic([0.0, 0.0], 0.0, mean=jnp.stack([mass[0] * as_float(gravity), jnp.zeros(())]))
+    of_anvil = jnp.array([[0.0, 0.0], [0.0, 1.0]])
+    damping = 2 * as_float(damping_ratio) * jnp.sqrt(k * mass[1])
+    contact = Contact({0: 1.0, 1: -1.0}, drop, restitution)
+    return ImpactSystem(mass, damping * of_anvil, k * of_anvil, load + weight, [contact])

@@ -8,9 +8,9 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ._axes import legend_beside
 from ._cloud import MARKERS
 from ._colors import ink, with_lightness
+from ._legend import add_legend
 from ._motions import HATCHES, color_of_other, color_of_unknown, legend_title
 
 # Hues after Okabe and Ito, distinguishable by colour-blind readers.
@@ -48,8 +48,15 @@ def draw_marks(ax: Axes, x: np.ndarray, y: np.ndarray, number: int, size: float)
     )
 
 
-def add_legend(
-    ax: Axes, ds: xr.Dataset, words: list[str], has_mark: list[bool], *, has_other: bool, has_unknown: bool
+def add_legend_of_attractors(
+    ax: Axes,
+    ds: xr.Dataset,
+    words: list[str],
+    has_mark: list[bool],
+    *,
+    is_shown: bool,
+    has_other: bool,
+    has_unknown: bool,
 ) -> None:
     """Add a legend entry for each attractor, its colour beside its marker, and for the areas without a colour.
 
@@ -58,6 +65,7 @@ def add_legend(
         ds: the dataset of the attractors.
         words: label of each attractor.
         has_mark: whether its marker is drawn anywhere.
+        is_shown: whether to add it.
         has_other: whether some attractors have no colour of their own.
         has_unknown: whether the attractor of some starts is unknown.
     """
@@ -69,8 +77,10 @@ def add_legend(
         handles.append((_patch(COLORS[k]), one) if is_marked else (_patch(COLORS[k]),))
     plain = {"other": (_patch(color_of_other()),)} if has_other else {}
     plain |= {"not known": (_patch(color_of_unknown(), HATCH),)} if has_unknown else {}
-    legend_beside(
+    add_legend(
         ax,
+        is_shown=is_shown,
+        is_covered=True,
         handles=[*handles, *plain.values()],
         labels=[*words, *plain],
         handler_map={tuple: HandlerTuple(ndivide=None)},

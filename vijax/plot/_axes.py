@@ -1,6 +1,6 @@
-"""Helpers of all pictures: new axes, legends, the phase axis, limits of axes that already have content."""
+"""Helpers of all pictures: new axes, labels for legends, the phase axis, limits of axes that already have content."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -10,16 +10,28 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox, TransformedBbox
 
+from .._jax.arrays import whole_number
 from .._sweep.short_names import with_paths
 from ._labels import LENGTH, VELOCITY, Units, with_unit
+
+# Mark of figures that a picture made.
+_OWN = "vijax"
+# Room for markers beyond the limits, as a share of the axes.
+_BEYOND = 0.03
 
 Sweeps = xr.Dataset | Mapping[str, xr.Dataset]
 
 
 def create_axes() -> Axes:
     """Create axes in a new figure."""
-    return plt.subplots(layout="constrained")[1]
+    return plt.subplots(layout="constrained", gid=_OWN)[1]
+
+
+def is_own(ax: Axes) -> bool:
+    """True for axes in a figure that a picture made, whose size it chooses."""
+    return figure_of(ax).get_gid() == _OWN
 
 
 def figure_of(artist: Artist) -> Figure:
@@ -31,7 +43,9 @@ def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> 
     """The given axes, one per row, or new ones."""
     if ax is None:
         size = (6.4, max(4.8, 1.0 + 2.4 * rows))
-        return plt.subplots(rows, sharex=True, squeeze=False, figsize=size, layout="constrained")[1][:, 0]
+        return plt.subplots(rows, sharex=True, squeeze=False, figsize=size, layout="constrained", gid=_OWN)[
+            1
+        ][:, 0]
     given = np.ravel(np.asarray(ax, object))
     if given.size != rows:
         raise ValueError(f"Argument `ax` must hold {rows} axes, but holds {given.size}.")
@@ -40,6 +54,13 @@ def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> 
 
 def named_datasets(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
     """The datasets to draw by name, their quantities by path; a single one is named by the `label` of the style."""
+    if not isinstance(ds, xr.Dataset | Mapping) or not all(
+        isinstance(one, xr.Dataset) for one in ([] if isinstance(ds, xr.Dataset) else ds.values())
+    ):
+        raise ValueError(
+            "Argument `ds` must be what `vx.sweep` returned, or several such by their names, as in "
+            f'`{{"up": one, "down": other}}`, but is a {type(ds).__name__}.'
+        )
     named = {style.pop("label", ""): ds} if isinstance(ds, xr.Dataset) else dict(ds)
     if not named:
         raise ValueError("There is no dataset to draw: give one, or several by their names.")
@@ -69,6 +90,30 @@ def extend_xlim(ax: Axes, values: np.ndarray, so_far: tuple[float, ...]) -> None
         ax.set_xlim(first, last)
 
 
+def let_beyond(marks: Line2D, ax: Axes) -> None:
+    """Let markers at the limits of the axes be drawn whole, also when the limits change later."""
+    share = _BEYOND
+    marks.set_clip_box(TransformedBbox(Bbox([[-share, -share], [1 + share, 1 + share]]), ax.transAxes))
+
+
+def break_long_labels(column: Iterable[Axes]) -> None:
+    """Break labels of y axes into two lines where they are longer than low axes are high."""
+    for ax in column:
+        _break_long_label(ax)
+
+
+def _break_long_label(ax: Axes) -> None:
+    label = ax.yaxis.label
+    if label.get_window_extent().height <= ax.get_window_extent().height:
+        return
+    words = label.get_text().replace("\n", " ").split(" ")
+    is_open = np.cumsum([word.count("$") % 2 for word in words]) % 2  # no break within a formula
+    breaks = [k for k in range(1, len(words)) if not is_open[k - 1]]
+    lines = [[" ".join(words[:k]), " ".join(words[k:])] for k in breaks]
+    if lines:
+        label.set_text("\n".join(min(lines, key=lambda pair: max(map(len, pair)))))
+
+
 def set_phase_axis(set_limits, set_ticks, origin: float = 0.0) -> None:
     """Set an axis to span one forcing period, with ticks at its quarters."""
     set_limits(origin, origin + 2 * np.pi)
@@ -85,29 +130,10 @@ def _in_pi(quarters: int) -> str:
     return f"${sign}{'' if whole == 1 else whole}\\pi{below}$"
 
 
-def legend_beside(ax: Axes, **options) -> None:
-    """Add a legend to the right of the axes, where it covers no data; none where nothing is drawn."""
-    if not options.get("handles", ax.get_legend_handles_labels()[0]):
-        return
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, **options)
-
-
-def legend_above(ax: Axes, *, markerscale: float = 1.0, markersize: float | None = None) -> None:
-    """Add a legend of points above the axes, with enlarged points, or points of one size; none where nothing is drawn."""
-    if not ax.get_legend_handles_labels()[0]:
-        return
-    legend = ax.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=4, markerscale=markerscale
-    )
-    for handle in legend.legend_handles:
-        if handle is not None:
-            handle.set_alpha(1.0)  # clouds of many points are drawn transparent
-        if markersize is not None and isinstance(handle, Line2D):
-            handle.set_markersize(markersize)
-
-
 def check_index(name: str, index: int, count: int) -> None:
     """Raise if a stop or mass does not exist."""
+    if not isinstance(index, int | np.integer):
+        whole_number(name, index)
     if not count:
         raise ValueError(f"Argument `{name}` is {index}, but the machine has none.")
     if not 0 <= index < count:

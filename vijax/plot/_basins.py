@@ -8,9 +8,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
-from .._dataset_checks import check_columns
+from .._dataset_checks import check_columns, check_is_dataset
 from .._sweep.short_names import with_paths
-from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
+from ._attractors import COLORS, HATCH, add_legend_of_attractors, check_count, draw_marks
 from ._axes import create_axes
 from ._labels import Units
 from ._mesh import check_plane, draw_mesh, hatch
@@ -27,13 +27,14 @@ def basins(
     max_attractors: int = 8,
     points: bool = True,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
     """Draw the basins of attraction over a plane of starts, one colour each, with the sections of their attractors.
 
     "1 | 2 in 1, 43 ± 5 %" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it,
-    reached from 43 % of the starts, with its standard error. Starts whose motion has not settled, or failed, are hatched. Markers are the states
+    reached from 43 % of the starts of the grid. Starts whose motion has not settled, or failed, are hatched. Markers are the states
     of each attractor at phase 0; they may lie in another's colour, since the plane shows only two coordinates.
 
     Args:
@@ -42,6 +43,7 @@ def basins(
             "other".
         points: whether to draw the sections.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into; new axes if omitted.
         **style: properties of the plane for matplotlib's `pcolormesh`: `alpha`, `rasterized`, ...
 
@@ -62,6 +64,7 @@ def basins(
     References:
         J. M. T. Thompson & H. B. Stewart, Nonlinear Dynamics and Chaos, 2nd ed. (2002).
     """
+    check_is_dataset(basins, "basins", "`vx.basins`")
     _check(basins, max_attractors)
     basins = with_paths(basins)
     right, up = map(str, basins["label"].dims)
@@ -78,14 +81,15 @@ def basins(
     words = [f"{label_of_motion(one)}, {_share(one)}" for one in named]
     has_other, is_unknown = bool((codes == count).any()), codes < 0
     hatch(ax, mesh, is_unknown.T, HATCH)
-    add_legend(ax, basins, words, has_mark, has_other=has_other, has_unknown=bool(is_unknown.any()))
+    add_legend_of_attractors(
+        ax, basins, words, has_mark, is_shown=legend, has_other=has_other, has_unknown=bool(is_unknown.any())
+    )
     return ax
 
 
 def _share(attractor: xr.Dataset) -> str:
-    """Share of the starts, with the digits that its standard error leaves."""
-    error = float(attractor.share_error) if "share_error" in attractor else None
-    return percent(float(attractor.share), error)
+    """Share of the starts of the grid: no sample of them, so that it has no standard error."""
+    return percent(float(attractor.share))
 
 
 # What is written about each attractor, and the dimensions.

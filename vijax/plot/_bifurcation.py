@@ -13,6 +13,7 @@ from .._sweep.literals import ImpactOrdinate, Quantity
 from .._sweep.outcomes import warn_of_endings
 from ._axes import (
     Sweeps,
+    break_long_labels,
     check_index,
     column_of_axes,
     current_xlim,
@@ -54,6 +55,7 @@ def bifurcation(
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes: ...
@@ -70,6 +72,7 @@ def bifurcation(
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
+    legend: bool = True,
     ax: Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> np.ndarray: ...
@@ -85,6 +88,7 @@ def bifurcation(
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
+    legend: bool = True,
     ax: Axes | Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> Axes | np.ndarray:
@@ -117,6 +121,7 @@ def bifurcation(
         labels: words of the axes, by the path of the swept quantity and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.
         xlim: ends of the x axis; those of the swept values if left out.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
         **style: of the points of the sweep, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `label`, ...
 
@@ -169,8 +174,10 @@ def bifurcation(
             draw_resonances(panel, one, path)
     if grazing:
         draw_grazing(column, one, path)
-    draw_legend(drawn, column[0], has_lines=resonances or grazing)
     column[-1].set_xlabel(label_of(path, labels, units, one))
+    break_long_labels(column)
+    if legend:
+        draw_legend(drawn, column[0], has_lines=resonances or grazing)
     return column if stop is None else column[0]
 
 

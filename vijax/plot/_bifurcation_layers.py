@@ -7,8 +7,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._sweep.short_names import with_paths
-from ._axes import label_if_new, legend_above
+from ._axes import label_if_new
 from ._colors import curve_colors, faded, ink, lightness_of, merge_style, point_colors
+from ._legend import add_legend
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
 from ._ordinates import Ordinate
 from ._scattered import is_scattered, levels_of
@@ -159,4 +160,4 @@ def draw_legend(layers: list[Layer], ax: Axes, *, has_lines: bool) -> None:
         if stability in present and (words := label_if_new(ax, _MARKS[stability][-1])):
             _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
     if len(ax.get_legend_handles_labels()[0]) > (0 if has_lines else 1):
-        legend_above(ax, markerscale=_IN_LEGEND / sample.size)
+        add_legend(ax, markerscale=_IN_LEGEND / sample.size)

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.colors import same_color
 
 from .._branches.branch import Branch
 from .._branches.kinds import MONITOR, EndKind, Kind
@@ -20,21 +21,24 @@ from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, machine_at
 from .._system.system import AnySystem, ImpactSystem
 from ._axes import (
+    break_long_labels,
     check_index,
     column_of_axes,
     current_xlim,
     extend_xlim,
     label_if_new,
-    legend_beside,
+    let_beyond,
     stops_to_draw,
 )
 from ._bifurcation import bifurcation, label_of_impacts
 from ._branch_names import checked_ordinate, named_branches, quantity_lines
-from ._colors import curve_colors, faded, ink, merge_style
+from ._coincidence import hidden_under
+from ._colors import colors_apart, ink, merge_style
 from ._contacts import masses_of_stops, name_of
 from ._grazing_lines import draw_grazing
 from ._impact_lines import OrbitImpacts, impact_lines
 from ._labels import Units, swept_paths
+from ._legend import add_legend
 from ._ordinates import Labels, Ordinate, label_of
 from ._resonances import draw_resonances
 
@@ -44,14 +48,17 @@ MARKERS: dict[str, str] = {
     Kind.PERIOD_DOUBLING: "D",
     Kind.NEIMARK_SACKER: "p",
     Kind.BRANCH_POINT: "*",
+    Kind.PITCHFORK: "P",
     Kind.GRAZING: "v",
     Kind.DOUBLE_IMPACT: "d",
     Kind.FORCE_ZERO: "^",
     Kind.CHATTER_COMPLETION: "s",
 }
 OTHER = "h"
-# Sweep under the branches: remaining share of its colours, and factor of its marker size.
-_LIGHT, _LARGER = 0.6, 1.4
+# Factor of the marker size of a sweep under the branches.
+_LARGER = 1.4
+# Greys of a sweep under the branches: first its sweep down, then its sweep up.
+_GREYS = (("0.8", "0.35"), ("0.62", "0.55"))
 # Number of markers in a panel above which they are half as large.
 _MANY_MARKS = 60
 
@@ -69,6 +76,7 @@ def branch(
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes: ...
@@ -85,6 +93,7 @@ def branch(
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
+    legend: bool = True,
     ax: Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> np.ndarray: ...
@@ -100,6 +109,7 @@ def branch(
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
+    legend: bool = True,
     ax: Axes | Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> Axes | np.ndarray:
@@ -123,6 +133,7 @@ def branch(
         labels: words of the axes, by the path of the parameter and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.
         xlim: ends of the x axis; those of the branches if left out.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
         **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
@@ -177,7 +188,9 @@ def branch(
         panel.set_ylabel((labels or {}).get(ordinate) or own)
     if grazing:
         draw_grazing(column, several[0].points, path)
-    _draw_legend(column)
+    break_long_labels(column)
+    if legend:
+        _draw_legend(column)
     return column if stop is None else column[0]
 
 
@@ -238,12 +251,14 @@ class _Curves(NamedTuple):
         kinds: bifurcation at each point, empty for none, (points,).
         is_stable: whether the branch is stable up to the next point, (points - 1,).
         lines: of each impact or quantity, the point numbers and its values there.
+        is_continuous: whether the ordinate is a quantity of the cycle, which ends nowhere but where it is not known.
     """
 
     values: np.ndarray
     kinds: np.ndarray
     is_stable: np.ndarray
     lines: list[tuple[np.ndarray, np.ndarray]]
+    is_continuous: bool
 
 
 def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | None) -> _Curves:
@@ -262,7 +277,9 @@ def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | Non
         lines = [(np.array(numbers), sign * np.array(velocities)) for numbers, velocities in found]
     else:
         lines = quantity_lines(points, ordinate, quantity, number)
-    return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
+    return _Curves(
+        points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines, quantity is not None
+    )
 
 
 def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tuple[np.ndarray, np.ndarray]]:
@@ -320,13 +337,14 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
 def _draw_curves(curves: list[_Curves], names: list[str], ax: Axes, style: dict[str, Any]) -> None:
     """Draw all lines, solid where orbits are stable, and their legend entries."""
     kinds = list(dict.fromkeys(names)) if any(names) else range(len(curves))
-    colors = curve_colors(len(kinds)) if len(curves) > 1 else [ink()]
+    colors = colors_apart(ax, len(kinds)) if len(curves) > 1 else [ink()]
     color_of = dict(zip(kinds, colors, strict=True))
+    shown = hidden_under([[_joined(one, True), _joined(one, False)] for one in curves], names)
     label = style.get("label", "")
     style = {key: value for key, value in style.items() if key != "label"}
     for k, (one, name) in enumerate(zip(curves, names, strict=True)):
         look = merge_style(style, color=color_of[name if any(names) else k], linewidth=1.2)
-        words = label_if_new(ax, ", ".join(filter(None, (label, name))))
+        words = label_if_new(ax, ", ".join(filter(None, (label, shown[k]))))
         if words:
             ax.plot([], [], label=words, **look)
         for is_stable, (stroke, _) in _STABILITY.items():
@@ -338,6 +356,15 @@ def _draw_curves(curves: list[_Curves], names: list[str], ax: Axes, style: dict[
 
 def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
     """Draw the markers of the bifurcations on all lines."""
+    found = _places_of_marks(curves)
+    size = 6.0 if sum(map(len, found.values())) <= _MANY_MARKS else 3.0
+    for kind, places in found.items():
+        marker = MARKERS.get(kind, OTHER)
+        draw_special(ax, np.array(places), kind, marker=marker, markersize=size, markeredgewidth=size / 6)
+
+
+def _places_of_marks(curves: list[_Curves]) -> dict[str, list[tuple[float, float]]]:
+    """Places of the bifurcations on all lines, by kind."""
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in MARKERS}
     for one in curves:
         for numbers, velocities in one.lines:
@@ -346,17 +373,27 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
             ):
                 if kind:
                     found.setdefault(str(kind), []).append((float(value), float(velocity)))
-    size = 6.0 if sum(map(len, found.values())) <= _MANY_MARKS else 3.0
-    for kind, places in found.items():
-        if places:
-            marker = MARKERS.get(kind, OTHER)
-            draw_special(ax, np.array(places), kind, marker=marker, markersize=size, markeredgewidth=size / 6)
+            if one.is_continuous:  # a bifurcation at which it is not known lies where its line ends
+                ends = [(numbers[-1] + 1, velocities[-1])]
+                ends += [(0, velocities[0])] if numbers[0] == 1 else []
+                for number, beside in ends:
+                    if number < len(one.kinds) and (kind := str(one.kinds[number])):
+                        found.setdefault(kind, []).append((float(one.values[number]), float(beside)))
+    return {kind: places for kind, places in found.items() if places}
+
+
+def marks_of_branch(branch: Branch, number: int, ordinate: str) -> dict[str, list[tuple[float, float]]]:
+    """Parameters and ordinates of the bifurcations of a branch, by kind."""
+    return _places_of_marks(
+        [_curves(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))]
+    )
 
 
 def draw_special(ax: Axes, places: np.ndarray, kind: str, **look: Any) -> None:
     """Draw the markers of bifurcations or special points of a kind at given places, (points, 2)."""
     own = {"linestyle": "none", "markerfacecolor": ink("white", "black"), "color": ink(), "zorder": 3}
-    ax.plot(*places.T, label=label_if_new(ax, label_of_kind(kind)), **own, **look)
+    (marks,) = ax.plot(*places.T, label=label_if_new(ax, label_of_kind(kind)), **own, **look)
+    let_beyond(marks, ax)
 
 
 def _draw_light(ds: xr.Dataset, number: int, quantity: Ordinate | None, ordinate: str, ax: Axes) -> None:
@@ -364,12 +401,16 @@ def _draw_light(ds: xr.Dataset, number: int, quantity: Ordinate | None, ordinate
     others = list(ax.lines)
     is_of_mass = quantity is not None and quantity.axis == "mass"
     stop, mass = (0, number) if is_of_mass else (number, 0)
-    bifurcation(ds, stop, ordinate=cast(Any, ordinate), mass=mass, ax=ax)
-    # Pale instead of transparent: many overlapping transparent points would be dark again.
+    bifurcation(ds, stop, ordinate=cast(Any, ordinate), mass=mass, legend=False, ax=ax)
+    # Grey, which no branch is; pale instead of transparent: many overlapping transparent points would be dark again.
+    greys = dict(zip(("swept down", "swept up"), _GREYS, strict=True))
     for line in ax.lines:
-        if line not in others:
-            pale = faded(line.get_color(), _LIGHT)
-            line.set(color=pale, markerfacecolor=pale, markersize=_LARGER * line.get_markersize(), zorder=1)
+        if line not in others and line.get_marker() != "None":
+            way = "swept up" if same_color(line.get_color(), ink()) else "swept down"
+            grey = ink(*greys[way])
+            face = line.get_markerfacecolor()
+            own = {} if isinstance(face, str) and face == "none" else {"markerfacecolor": grey}
+            line.set(color=grey, markersize=_LARGER * line.get_markersize(), zorder=1, **own)
 
 
 def _draw_legend(column: np.ndarray) -> None:
@@ -378,6 +419,6 @@ def _draw_legend(column: np.ndarray) -> None:
     for ax in column:
         for handle, words in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(words, handle)
-        if ax.get_legend():
+        if ax is not column[0] and ax.get_legend():
             ax.get_legend().remove()
-    legend_beside(column[0], handles=list(found.values()), labels=list(found))
+    add_legend(column[0], handles=list(found.values()), labels=list(found))

@@ -1,7 +1,8 @@
 """Names of branches in the legend, and lines of their quantities."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,9 +25,17 @@ def named_branches(
     A single branch without a name has none. Of many branches without names, those whose orbits mostly have m impacts in n
     periods are "m in n".
     """
+    given: Any = [branches] if isinstance(branches, Branch) else branches
+    several: list[Any] = [None]
+    if isinstance(given, Iterable):
+        several = [*given.values()] if isinstance(given, Mapping) else [*given]
+    if not all(isinstance(one, Branch) for one in several):
+        raise ValueError(
+            "Argument `branches` must be what `vx.continuation` returned, several such in a list, or by their names in a "
+            f"dict, but is a {type(branches).__name__}."
+        )
     if isinstance(branches, Mapping):
-        return list(branches.values()), list(branches)
-    several = [branches] if isinstance(branches, Branch) else list(branches)
+        return several, list(branches)
     if len(several) <= _FEW:
         return several, [f"branch {k}" if len(several) > 1 else "" for k in range(len(several))]
     motions = [_motion(one.points) for one in several]

@@ -5,12 +5,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from ._axes import legend_above
 from ._colors import curve_colors, ink, merge_style
+from ._legend import add_legend
 
 MARKERS = "os^Dv<>p"
 # (largest count, marker size).
 _SIZES = ((100, 6.0), (1000, 3.5), (5000, 2.0), (np.inf, 1.2))
+# Size of the markers in the legend.
+_IN_LEGEND = 7.0
 # Cells per axis for counting overlaps, about the size of the smallest points.
 _CELLS = 250
 # Number of overlapping points that are as dark as one opaque point, and the least opacity.
@@ -36,8 +38,11 @@ def draw_clouds(ax: Axes, clouds: list[Cloud], style: dict[str, Any]) -> None:
         size = next(size for most, size in _SIZES if len(x) <= most)
         marks = {"linestyle": "none", "markersize": size, "markeredgewidth": 0, "alpha": _alpha(x, y)}
         ax.plot(x, y, **merge_style(style, rasterized=True, label=name, **marks, **look))
-    if many or "label" in style:
-        legend_above(ax, markersize=7.0)
+
+
+def name_clouds(ax: Axes, clouds: list[Cloud], style: dict[str, Any], *, is_shown: bool) -> None:
+    """Add the legend of several clouds, or of one that the user named, once the limits are set."""
+    add_legend(ax, is_shown=is_shown and (len(clouds) > 1 or "label" in style), markersize=_IN_LEGEND)
 
 
 def _alpha(x: np.ndarray, y: np.ndarray) -> float | None:

@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import cbook
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb, to_rgba_array
 from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
@@ -33,6 +34,14 @@ def curve_colors(count: int) -> np.ndarray:
     """The first colours of the current style, repeated if it has fewer, (count, 4)."""
     cycle = [to_rgb(one) for one in plt.rcParams["axes.prop_cycle"].by_key().get("color", ["C0"])]
     return np.array([(*cycle[k % len(cycle)], 1.0) for k in range(count)]).reshape(-1, 4)
+
+
+def colors_apart(ax: Axes, count: int) -> np.ndarray:
+    """The first colours of the style that no line of the axes has, (count, 4); those of the style if they do not suffice."""
+    used = {to_hex(line.get_color()) for line in ax.lines if to_hex(line.get_color()) != to_hex(ink())}
+    every = dict.fromkeys(map(to_hex, curve_colors(len(plt.rcParams["axes.prop_cycle"]))))
+    free = [one for one in every if one not in used]
+    return to_rgba_array(free[:count]) if len(free) >= count else curve_colors(count)
 
 
 def point_colors(count: int) -> np.ndarray:

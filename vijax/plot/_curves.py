@@ -7,10 +7,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from ._axes import create_axes, label_if_new, legend_beside
+from .._dataset_checks import check_is_dataset
+from ._axes import create_axes, label_if_new
 from ._branch import MARKERS, OTHER, draw_special, label_of_kind
 from ._colors import curve_styles, merge_style
 from ._labels import Units
+from ._legend import add_legend
 from ._ordinates import Labels, label_of
 
 
@@ -20,6 +22,7 @@ def curves(
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -30,6 +33,7 @@ def curves(
         units: units of the parameters, as in `{"time": "s"}`; labels show none if omitted.
         labels: words of the parameters by their paths, as in `{"force.mu": "Friction"}`.
         xlim: ends of the x axis; those of the curves if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into, over their content, such as a chart of motions; new axes if omitted.
         **style: properties of the lines for matplotlib's `plot`: `color`, `linewidth`, ...
 
@@ -49,7 +53,10 @@ def curves(
         ax = vx.plot.curves(vx.bifurcation_curve(fold, "stops[0].position", bounds))
         ```
     """
-    several = [curves] if isinstance(curves, xr.Dataset) else list(curves)
+    given: Any = [curves] if isinstance(curves, xr.Dataset) else curves
+    several: list[Any] = [*given] if isinstance(given, Sequence) else [given]
+    for one in several:
+        check_is_dataset(one, "curves", "`vx.bifurcation_curve`")
     right, up = _plane(several)
     kinds = list(dict.fromkeys(str(one.attrs["kind"]) for one in several))
     looks = dict(zip(kinds, curve_styles(len(kinds), style), strict=True))
@@ -64,7 +71,7 @@ def curves(
     ax.set(xlabel=label_of(right, labels, units, several[0]), ylabel=label_of(up, labels, units, several[0]))
     if xlim is not None:
         ax.set_xlim(xlim)
-    legend_beside(ax)
+    add_legend(ax, is_shown=legend)
     return ax
 
 

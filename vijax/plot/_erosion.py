@@ -8,10 +8,12 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from .._dataset_checks import check_is_dataset
 from ._attractors import COLORS, check_count
-from ._axes import create_axes, legend_beside
+from ._axes import create_axes
 from ._colors import ink, merge_style
 from ._labels import Units, axis_label
+from ._legend import add_legend
 from ._motions import label_of_motion, legend_title
 
 # Line style, marker and words of each measure.
@@ -28,6 +30,7 @@ def erosion(
     measures: Sequence[str] = ("share", "integrity_factor", "local_integrity"),
     max_attractors: int = 8,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -43,6 +46,7 @@ def erosion(
         measures: names of the measures to draw.
         max_attractors: number of attractors that are drawn, the largest shares first, 8 at most.
         units: units of swept quantities, or of their parts, as in `{"time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into; new axes if omitted.
         **style: properties of the lines for matplotlib's `plot`: `linewidth`, `markersize`, ...
 
@@ -64,6 +68,7 @@ def erosion(
     References:
         J. M. T. Thompson, Proc. R. Soc. Lond. A 421 (1989) 195; S. Lenci & G. Rega, Nonlinear Dyn. 33 (2003) 71.
     """
+    check_is_dataset(followed, "followed", "`vx.follow_attractors`")
     path = _path(followed, measures)
     check_count(max_attractors)
     followed = followed.sortby(path)
@@ -86,7 +91,7 @@ def erosion(
         )
     ax.set(xlabel=axis_label(path, units, followed), ylabel="Share, and radii in widths of the window")
     ax.set_ylim(bottom=0)
-    legend_beside(ax, handles=handles, title=legend_title(followed))
+    add_legend(ax, is_shown=legend, handles=handles, title=legend_title(followed))
     return ax
 
 

@@ -12,8 +12,8 @@ from .._orbits.orbit import PeriodicOrbit
 from .._sweep.outcomes import warn_of_endings
 from .._sweep.short_names import with_paths
 from .._trajectory.solution import Solution
-from ._axes import check_one_machine, create_axes, set_phase_axis, stops_to_draw
-from ._cloud import Cloud, draw_clouds
+from ._axes import break_long_labels, check_one_machine, create_axes, set_phase_axis, stops_to_draw
+from ._cloud import Cloud, draw_clouds, name_clouds
 from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, with_unit
 from ._orbits import solution_of
@@ -31,6 +31,7 @@ def impact_map(
     *,
     origin: float | None = None,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -48,6 +49,7 @@ def impact_map(
         origin: the phase at which the axis begins, in radians. If omitted, 0, or, if 0 would split a set of impacts, a
             phase in the longest part of the forcing period without impacts.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into, over their content; new axes if omitted.
         **style: point properties for matplotlib's `plot`: `color`, `marker`, `markersize`, `alpha`, `label`, ...
 
@@ -77,12 +79,19 @@ def impact_map(
     set_phase_axis(ax.set_xlim, ax.set_xticks, begin)
     ax.set_xlabel(with_unit(r"Phase $\varphi$ of impact", ANGLE, units))
     ax.set_ylabel(with_unit(words, VELOCITY, units))
+    break_long_labels([ax])
+    name_clouds(ax, turned, style, is_shown=legend)
     return ax
 
 
 def _clouds(motions: MotionLike | Mapping[str, MotionLike], stop: int | None) -> tuple[list[Cloud], str]:
     """Phases and velocities to draw, and the label of the velocity axis."""
     is_one = isinstance(motions, MotionLike)
+    if not is_one and not isinstance(motions, Mapping):
+        raise ValueError(
+            "The motion to draw must be a trajectory, a periodic orbit or a sweep, or several by their names in a dict, but is a "
+            f"{type(motions).__name__}."
+        )
     named = {"": motions} if is_one else dict(motions)
     if not named:
         raise ValueError("There is no motion to draw: give one, or several by their names.")

@@ -14,6 +14,7 @@ Labelled = xr.Dataset | xr.DataArray
 Units = Mapping[str, str]
 
 LENGTH, VELOCITY, TIME, ANGLE, RATE = "{length}", "{length}/{time}", "{time}", "rad", "1/{time}"
+ACCELERATION = "{length}/{time}²"
 _KINDS = ("length", "time", "mass", "force")
 _QUANTITIES = {
     "mass": ("Mass", "m", "{mass}"),
@@ -28,6 +29,16 @@ _QUANTITIES = {
     "stops.motion.amplitude": ("Travel of the stop", "A", LENGTH),
     "stops.motion.phase": ("Phase of the stop", r"\varphi", ANGLE),
     "stops.motion.mean": ("Stop position", "s", LENGTH),
+    "stops.stiffness": ("Stiffness of stop {}", "", "{force}/{length}"),
+    "stops.damping": ("Damping of stop {}", "", "{force} {time}/{length}"),
+    "stops.preload": ("Preload of stop {}", "", "{force}"),
+    "friction.force": ("Friction force of element {}", "", "{force}"),
+    "friction.static": ("Static friction force of element {}", "", "{force}"),
+    "friction.velocity": ("Velocity of the surface of element {}", "", VELOCITY),
+    "parametric.stiffness": ("Amplitude of the stiffness", "", "{force}/{length}"),
+    "parametric.damping": ("Amplitude of the damping", "", "{force} {time}/{length}"),
+    "parametric.frequency": ("Frequency of the stiffness", "", "rad/{time}"),
+    "parametric.phase": ("Phase of the stiffness", "", ANGLE),
     "x0": ("Start position", "x", LENGTH),
     "v0": ("Start velocity", r"\dot x", VELOCITY),
 }
@@ -50,15 +61,31 @@ def with_unit(words: str, unit: str, units: Units | None) -> str:
 
 
 def axis_label(path: str, units: Units | None = None, ds: Labelled | None = None) -> str:
-    """Words, symbol and unit of a swept quantity: its own words in a dataset, or its path, if it has none."""
+    """Words, symbol and unit of a swept quantity: its own words in a dataset, or its path, if it has none.
+
+    The position of a contact is the clearance of its masses, where the dataset has the masses of the stops.
+    """
     if words := label_in(ds, path):
         return with_unit(words, checked_units(units).get(path, ""), units)
     name, indices = re.sub(r"\[.*?\]", "", path), re.findall(r"\[(\d+)\]", path)
     words, symbol, unit = _QUANTITIES.get(name, (path, "", ""))
+    if name == "stops.position" and indices and _is_of_contact(ds, int(indices[0])):
+        words = f"Clearance of contact {indices[0]}"
+    words = (
+        words.format(", ".join(indices)) if indices else words.replace(" {}", "s" if "{}" in words else "")
+    )
     if symbol:
         subscript = f"_{{{','.join(indices)}}}" if indices else ""
         words = f"{words} ${symbol}{subscript}$"
     return with_unit(words, checked_units(units).get(path, unit), units)
+
+
+def _is_of_contact(ds: Labelled | None, stop: int) -> bool:
+    """True where a dataset says that a stop is a contact between masses."""
+    if ds is None or ("stop_mass" not in ds.coords and "stop_mass" not in getattr(ds, "data_vars", ())):
+        return False
+    masses = ds["stop_mass"].values
+    return stop < masses.size and int(masses[stop]) < 0
 
 
 def label_in(ds: Labelled | None, path: str) -> str:

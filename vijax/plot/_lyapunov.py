@@ -10,12 +10,15 @@ from .._dataset_checks import check_columns
 from ._axes import Sweeps, create_axes, current_xlim, extend_xlim, named_datasets
 from ._colors import curve_colors, curve_styles, merge_style
 from ._labels import RATE, Units, axis_label, with_unit
+from ._legend import add_legend
 from ._plane import plane
 
 _WORDS = "Lyapunov exponent $\\lambda$"
 
 
-def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, **style: Any) -> Axes:
+def lyapunov(
+    ds: Sweeps, *, units: Units | None = None, legend: bool = True, ax: Axes | None = None, **style: Any
+) -> Axes:
     """Draw the Lyapunov exponents of a sweep: all over one swept quantity, the largest over two.
 
     Motions are chaotic above the line at zero, or in red. Exponents of minus infinity, of directions erased by
@@ -26,6 +29,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
             quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, differ in colour, their exponents
             by their strokes.
         units: of `time` and swept quantities, as in `{"time": "s"}`; none are written if left out.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: where to draw, also over what is there; new axes if left out.
         **style: of the curves, as matplotlib's `plot` takes them, or of the plane, as `pcolormesh` does: `linewidth`, `cmap`,
             `label`, ...
@@ -55,6 +59,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
     else:
         _plane(next(iter(sweeps.values())), paths[0], ax, units, style)
     ax.set_xlabel(axis_label(paths[0][0], units, next(iter(sweeps.values()))))
+    add_legend(ax, is_shown=legend and len(paths[0]) == 1)
     return ax
 
 
@@ -92,7 +97,6 @@ def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, 
             ax.fill_between(values[-1], known - 2 * error[i], known + 2 * error[i], **band)
     ax.axhline(0, color="0.5", linewidth=0.8, zorder=0)
     extend_xlim(ax, np.concatenate(values), so_far)
-    ax.legend(loc="best", ncols=2, frameon=False)
 
 
 def _plane(ds: xr.Dataset, paths: list[str], ax: Axes, units: Units | None, style: dict[str, Any]) -> None:

@@ -5,9 +5,10 @@ from typing import Any
 import xarray as xr
 from matplotlib.axes import Axes
 
-from ._axes import check_index, create_axes, label_if_new, label_phase_plane, legend_beside
+from ._axes import check_index, create_axes, label_if_new, label_phase_plane
 from ._colors import curve_colors, ink, merge_style, with_lightness
 from ._labels import Units
+from ._legend import add_legend
 
 # Lightness of unstable manifolds; stable ones are drawn in ink.
 _LIGHTNESS = 0.5
@@ -18,6 +19,7 @@ def manifolds(
     mass: int = 0,
     *,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -30,6 +32,7 @@ def manifolds(
         curves: result of `vx.manifolds`, or some of its branches.
         mass: index of the mass.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into, over their content, such as `vx.plot.basins`; new axes if omitted.
         **style: properties of the lines for matplotlib's `plot`: `color`, `linewidth`, ...
 
@@ -77,21 +80,14 @@ def manifolds(
     )
     if is_new:
         label_phase_plane(ax, mass, units)
-        legend_beside(ax)
+        add_legend(ax, is_shown=legend)
     else:
         ax.set(xlim=limits[0], ylim=limits[1])
-        _add_to_legend(ax)
+        before = ax.get_legend()
+        known = [] if before is None else [text.get_text() for text in before.get_texts()]
+        own = zip(*ax.get_legend_handles_labels(), strict=True)
+        new = [(handle, words) for handle, words in own if words not in known]
+        if new:
+            handles, words = map(list, zip(*new, strict=True))
+            add_legend(ax, is_shown=legend, is_second=before is not None, handles=handles, labels=words)
     return ax
-
-
-def _add_to_legend(ax: Axes) -> None:
-    """Add the curves to the legend that the picture has; without one, begin it."""
-    old = ax.get_legend()
-    own, words = ax.get_legend_handles_labels()
-    if old is None:
-        legend_beside(ax)
-        return
-    known = [text.get_text() for text in old.get_texts()]
-    new = [(handle, text) for handle, text in zip(own, words, strict=True) if text not in known]
-    ax.add_artist(old).set_clip_on(False)  # else layouts leave no room for it
-    ax.legend(*zip(*new, strict=True), loc="lower left", bbox_to_anchor=(1.0, 0.0), frameon=False)

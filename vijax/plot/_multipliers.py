@@ -13,10 +13,11 @@ from matplotlib.patches import Circle
 
 from .._orbits.orbit import PeriodicOrbit
 from .._sweep.short_names import with_paths
-from ._axes import create_axes, legend_above, legend_beside
+from ._axes import create_axes
 from ._cloud import MARKERS
 from ._colors import ink, merge_style, ordered_colors
 from ._labels import Units, axis_label, swept_quantity
+from ._legend import add_legend
 from ._orbits import OrbitsLike, list_of_orbits
 
 _DIRECTIONS = {"up": ("^", "swept up"), "down": ("v", "swept down")}
@@ -33,6 +34,7 @@ def multipliers(
     *,
     limit: float = 3.0,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -47,6 +49,7 @@ def multipliers(
             first to last; or the result of `vx.periodic_orbits` over one swept quantity, which the colours show.
         limit: largest real and imaginary part drawn at their true position; greater than 1.
         units: unit of the swept quantity, as in `{"time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into; new axes if omitted.
         **style: properties of the points for matplotlib's `scatter`: `color`, `marker`, `s`, `linewidths`, ...; and
             `markersize`, as in its `plot`.
@@ -93,8 +96,7 @@ def multipliers(
         path, colors = bar
         # Inset axes, as high as the axes: a bar that takes room from square axes would not be.
         ax.figure.colorbar(colors, cax=ax.inset_axes((1.04, 0, 0.05, 1)), label=axis_label(path, units))
-    if ax.get_legend_handles_labels()[0]:
-        legend_beside(ax) if bar is None else legend_above(ax, markerscale=1.0)
+    add_legend(ax, is_shown=legend)
     return ax
 
 

@@ -1,6 +1,7 @@
 """Periodic orbits in the forms accepted by pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,12 +20,26 @@ UNKNOWN, STABLE, UNSTABLE = 0, 1, 2
 
 def solution_of(motion: Solution | PeriodicOrbit) -> Solution:
     """The trajectory to draw; one cycle of an orbit."""
-    return _checked_orbit(motion).solution() if isinstance(motion, PeriodicOrbit) else motion
+    if isinstance(motion, PeriodicOrbit):
+        return _checked_orbit(motion).solution()
+    if not isinstance(motion, Solution):
+        raise ValueError(
+            "The motion to draw must be one trajectory, what `vx.simulate` returned, or one periodic orbit, but is a "
+            f"{type(motion).__name__}."
+        )
+    return motion
 
 
 def list_of_orbits(orbits: PeriodicOrbit | Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
     """One orbit or several, as a list."""
-    return [_checked_orbit(orbit) for orbit in ([orbits] if isinstance(orbits, PeriodicOrbit) else orbits)]
+    given = [orbits] if isinstance(orbits, PeriodicOrbit) else orbits
+    several: list[Any] = [*given] if isinstance(given, Iterable) else [None]
+    if not all(isinstance(one, PeriodicOrbit) for one in several):
+        raise ValueError(
+            "Argument `orbits` must be a periodic orbit, a list of such, or what `vx.periodic_orbits` returned, but is a "
+            f"{type(orbits).__name__}."
+        )
+    return [_checked_orbit(orbit) for orbit in several]
 
 
 def stability_of(ds: xr.Dataset, orbits: xr.Dataset) -> xr.DataArray:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from ._contacts import StopMasses, name_of
-from ._labels import LENGTH, RATE, VELOCITY, Units, axis_label, with_unit
+from ._labels import ACCELERATION, LENGTH, RATE, VELOCITY, Units, axis_label, with_unit
 
 Labels = Mapping[str, str]
 
@@ -45,7 +45,7 @@ def _of_stop(variable: str, words: str, unit: str) -> Ordinate:
     return Ordinate(variable, words + "\nat {}", unit, "stop")
 
 
-_X, _V = "$x_{{{}}}$", "$\\dot x_{{{}}}$"
+_X, _V, _A = "$x_{{{}}}$", "$\\dot x_{{{}}}$", "$\\ddot x_{{{}}}$"
 _EXACT = {
     "section_position": _of_mass("section_x", f"Position {_X}\nat the end of each period", LENGTH),
     "section_velocity": _of_mass("section_v", f"Velocity {_V}\nat the end of each period", VELOCITY),
@@ -56,6 +56,12 @@ _EXACT = {
     "min_velocity": _of_mass("min_velocity", f"Smallest velocity {_V}", VELOCITY),
     "rms_position": _of_mass("rms_position", f"Root mean square of position {_X}", LENGTH),
     "rms_velocity": _of_mass("rms_velocity", f"Root mean square of velocity {_V}", VELOCITY),
+    "max_acceleration": _of_mass("max_acceleration", f"Largest acceleration {_A}", ACCELERATION),
+    "min_acceleration": _of_mass("min_acceleration", f"Smallest acceleration {_A}", ACCELERATION),
+    "rms_acceleration": _of_mass("rms_acceleration", f"Root mean square of acceleration {_A}", ACCELERATION),
+    "max_absolute_acceleration": _of_mass(
+        "max_absolute_acceleration", "Largest absolute acceleration\nof mass {}", ACCELERATION
+    ),
     "mean_velocity": _of_mass("mean_velocity", f"Mean of velocity {_V}", VELOCITY),
     "max_force": _of_stop("max_force", "Largest contact force", "{force}"),
     "impulse": _of_stop("impulse", "Impulse in a period", "{force} {time}"),

@@ -10,10 +10,12 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from scipy import ndimage
 
+from .._dataset_checks import check_is_dataset
 from .._sweep.short_names import with_paths
-from ._axes import create_axes, figure_of, legend_beside
+from ._axes import create_axes, figure_of
 from ._colors import is_dark, lightness_of
 from ._labels import Units
+from ._legend import add_legend
 from ._mesh import draw_mesh, hatch
 from ._motions import HATCHES, Entry, check_motions, legend_entries, legend_title, motions_of
 
@@ -29,6 +31,7 @@ def regions(
     *,
     max_classes: int = 6,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -47,6 +50,7 @@ def regions(
         max_classes: number of motions, the most frequent ones, with a colour of their own beside those without impacts,
             the non-periodic and those not settled; the rest is "other".
         units: units of swept quantities, as in `{"force": "N", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into; new axes if omitted.
         **style: properties of the plane for matplotlib's `pcolormesh`: `alpha`, `rasterized`, ...
 
@@ -67,6 +71,7 @@ def regions(
     References:
         Wagg & Bishop (2004), Fig. 6.
     """
+    check_is_dataset(classes, "classes", "`vx.classify` or `vx.chart`")
     check_motions(classes, max_classes)
     classes = with_paths(classes)
     classes = classes.sortby(list(classes.motion.dims))
@@ -79,7 +84,7 @@ def regions(
         if entry.words in HATCHES:
             hatch(ax, mesh, code == number, HATCHES[entry.words])
     _name(ax, classes, code, drawn)
-    legend_beside(ax, **_legend(drawn), title=legend_title(classes))
+    add_legend(ax, is_shown=legend, is_covered=True, title=legend_title(classes), **_legend(drawn))
     return ax
 
 
@@ -110,7 +115,7 @@ def _name(ax: Axes, classes: xr.Dataset, code: np.ndarray, drawn: list[Entry]) -
                 break
 
 
-def _legend(drawn: list[Entry]) -> dict[str, list]:
+def _legend(drawn: list[Entry]) -> dict[str, Any]:
     """Handles and labels of the legend, grouped under the names of families."""
     handles, words, family = [], [], ""
     for entry in drawn:

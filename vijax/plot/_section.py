@@ -12,7 +12,7 @@ from .._sections.sections import stroboscopic_section
 from .._sweep.short_names import with_paths
 from .._trajectory.solution import Solution
 from ._axes import check_index, check_one_machine, create_axes, label_phase_plane
-from ._cloud import Cloud, draw_clouds
+from ._cloud import Cloud, draw_clouds, name_clouds
 from ._labels import Units
 from ._motions import label_of_motion
 from ._orbits import solution_of
@@ -30,6 +30,7 @@ def section(
     mass: int = 0,
     *,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -47,6 +48,7 @@ def section(
             as in `{"up": one, "down": other}`, and differ in colour.
         mass: index of the mass.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into, over their content; new axes if omitted.
         **style: point properties for matplotlib's `plot`: `color`, `marker`, `markersize`, `alpha`, `label`, ...
 
@@ -75,6 +77,7 @@ def section(
     ax = create_axes() if ax is None else ax
     draw_clouds(ax, clouds, style)
     label_phase_plane(ax, mass, units)
+    name_clouds(ax, clouds, style, is_shown=legend)
     return ax
 
 

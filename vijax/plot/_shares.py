@@ -7,7 +7,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
+from .._dataset_checks import check_is_dataset
+from ._attractors import COLORS, HATCH, add_legend_of_attractors, check_count, draw_marks
 from ._axes import create_axes
 from ._colors import ink, merge_style
 from ._labels import Units, axis_label
@@ -23,6 +24,7 @@ def shares(
     *,
     max_attractors: int = 8,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -38,6 +40,7 @@ def shares(
         max_attractors: number of attractors with a colour each, the largest shares first, 8 at most; the rest is
             "other".
         units: units of swept quantities, or of their parts, as in `{"time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into; new axes if omitted.
         **style: properties of the bands for matplotlib's `fill_between`: `alpha`, `linewidth`, ...
 
@@ -60,6 +63,7 @@ def shares(
         G. Datseris, K. L. Rossi & A. Wagemakers, Framework for global stability analysis of dynamical systems,
         Chaos 33 (2023) 073151.
     """
+    check_is_dataset(followed, "followed", "`vx.follow_attractors`")
     path = _path(followed)
     check_count(max_attractors)
     followed = followed.sortby(path)
@@ -85,7 +89,15 @@ def shares(
         xlabel=axis_label(path, units, followed),
         ylabel="Share of the starts",
     )
-    add_legend(ax, followed, words, [True] * len(named), has_other=has_other, has_unknown=has_unknown)
+    add_legend_of_attractors(
+        ax,
+        followed,
+        words,
+        [True] * len(named),
+        is_shown=legend,
+        has_other=has_other,
+        has_unknown=has_unknown,
+    )
     return ax
 
 

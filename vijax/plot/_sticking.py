@@ -10,10 +10,11 @@ from .._hybrid.limits import RELEASE, STICK
 from .._hybrid.sticking_region import StickingRegion
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.solution import Solution
-from ._axes import check_index, create_axes, label_if_new, label_phase_plane, legend_beside
+from ._axes import check_index, create_axes, label_if_new, label_phase_plane
 from ._colors import ink, merge_style, ordered_colors
 from ._contacts import name_in
 from ._labels import Units
+from ._legend import add_legend
 from ._orbits import solution_of
 from ._trajectories import draw_motion, held_within, is_event, span_of
 
@@ -29,6 +30,7 @@ def sticking_region(
     *,
     span: tuple[float, float] | None = None,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     num_samples: int = 400,
     **style: Any,
@@ -47,6 +49,7 @@ def sticking_region(
         mass: the mass whose velocity is drawn against its position; if omitted, the other one of two.
         span: first and last time to draw; the whole of each trajectory if omitted.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into; new axes if omitted.
         num_samples: number of evenly spaced times to draw in each sticking interval, beside those of the events.
         **style: properties of the curves for matplotlib's `plot`: `color`, `linewidth`, `linestyle`, ...
@@ -91,7 +94,7 @@ def sticking_region(
     label_phase_plane(ax, mass, units)
     for words, one in zip(names, look, strict=True):
         ax.plot([], [], label=words, **one)
-    legend_beside(ax)
+    add_legend(ax, is_shown=legend)
     return ax
 
 

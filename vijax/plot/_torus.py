@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from ._axes import check_index, label_phase_plane
 from ._colors import merge_style, ordered_colors
 from ._labels import Units
+from ._legend import add_legend
 from ._ordinates import Labels, label_of
 
 # Strokes of stable and unstable circles.
@@ -26,6 +27,7 @@ def torus(
     mass: int = 0,
     units: Units | None = None,
     labels: Labels | None = None,
+    legend: bool = True,
     ax: Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> np.ndarray:
@@ -39,6 +41,7 @@ def torus(
         mass: the mass whose state is drawn.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         labels: words of the axes, by the path of the parameter or as `rotation_number`.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: two axes to draw into; new ones if left out.
         **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, ...
 
@@ -80,7 +83,7 @@ def torus(
     numbers.xaxis.set_major_locator(MaxNLocator(5))
     numbers.set(xlabel=label_of(path, labels, units, ds))
     numbers.set_ylabel((labels or {}).get("rotation_number") or "Rotation number $\\rho$")
-    numbers.legend()
+    add_legend(numbers, is_shown=legend)
     chosen = np.unique(np.linspace(0, len(values) - 1, _MOST_CIRCLES).round().astype(int))
     for k, color in zip(chosen, ordered_colors(len(chosen)), strict=True):
         x, v = (np.append(ds[name].values[k, :, mass], ds[name].values[k, 0, mass]) for name in ("x", "v"))

@@ -17,11 +17,11 @@ from ._axes import (
     extend_xlim,
     label_if_new,
     label_phase_plane,
-    legend_beside,
 )
 from ._colors import curve_colors, curve_styles, ink, merge_style
 from ._contacts import is_rigid, masses_of, masses_with_jump, name_in, place_on_axis
 from ._labels import LENGTH, TIME, Units, with_unit
+from ._legend import add_legend
 from ._orbits import solution_of
 
 HELD = "#f59b42"
@@ -34,6 +34,7 @@ def time_series(
     *,
     span: tuple[float, float] | None = None,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     num_samples: int = 2000,
     **style: Any,
@@ -48,6 +49,7 @@ def time_series(
         sol: one trajectory, or one periodic orbit, drawn over one cycle.
         span: first and last time of a close-up; the whole trajectory if omitted.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into, over their content; new axes if omitted.
         num_samples: number of evenly spaced times to draw, beside those of the events.
         **style: properties of the curves for matplotlib's `plot`: `color`, `linewidth`, `label`, ...
@@ -80,6 +82,7 @@ def time_series(
     _mark_impacts(ax, sol, t, x)
     finish_time_axis(ax, drawn, so_far, units)
     ax.set_ylabel(with_unit("Position $x_i$", LENGTH, units))
+    add_legend(ax, is_shown=legend)
     return ax
 
 
@@ -130,6 +133,7 @@ def phase_portrait(
     *,
     span: tuple[float, float] | None = None,
     units: Units | None = None,
+    legend: bool = True,
     ax: Axes | None = None,
     num_samples: int = 2000,
     **style: Any,
@@ -146,6 +150,7 @@ def phase_portrait(
         mass: index of the mass.
         span: first and last time to draw, to omit a transient; the whole trajectory if omitted.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        legend: whether to draw a legend: inside the axes, or beside them if the figure is new.
         ax: the axes to draw into, over their content; new axes if omitted.
         num_samples: number of evenly spaced times to draw, beside those of the events.
         **style: properties of the curves for matplotlib's `plot`: `color`, `linewidth`, `label`, ...
@@ -180,8 +185,7 @@ def phase_portrait(
             _draw_contact(ax, sol, j, mass, sample_times(sol, drawn, num_samples))
     _draw_ends(ax, sol, mass, drawn)
     label_phase_plane(ax, mass, units)
-    if ax.get_legend_handles_labels()[0]:
-        legend_beside(ax)
+    add_legend(ax, is_shown=legend)
     return ax
 
 
@@ -202,11 +206,10 @@ def sample_times(sol: Solution, span: Span, num_samples: int) -> np.ndarray:
 
 
 def finish_time_axis(ax: Axes, span: Span, so_far: tuple[float, ...], units: Units | None) -> None:
-    """Set the x axis to span the times, with its label, and add the legend."""
+    """Set the x axis to span the times, with its label."""
     extend_xlim(ax, np.array(span), so_far)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
     ax.set_xlabel(with_unit("Time $t$", TIME, units))
-    legend_beside(ax)
 
 
 def draw_motion(

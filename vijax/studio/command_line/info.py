@@ -14,7 +14,7 @@ from ..._system.files import look_at, read_table
 from ..._system.force_description import NAMED_FORCE
 from .datasets import is_machine, open_dataset
 
-_HOW = ("transient", "record", "carry", "carry_from", "flow", "dtype", "vijax_version")
+_HOW = ("transient", "record", "duration", "carry", "carry_from", "flow", "dtype", "vijax_version")
 
 
 def add_to(commands: Any) -> None:

@@ -40,6 +40,7 @@ examples:
   vijax sweep machines.py:rotor --out sweep.nc --sweep frequency=0.5:1.5:1000   # rotor(frequency, ...) returns a machine
 """
 _STARTS = ("x0", "v0")
+_TIMES = "ts"
 
 
 def add_to(commands: Any) -> None:
@@ -66,6 +67,9 @@ def add_to(commands: Any) -> None:
     add("--set", metavar="PATH=VALUE", action="append", dest="changes", help="change the machine first")
     add("--transient", type=int, metavar="N", help="forcing periods before recording (100)")
     add("--record", type=int, metavar="N", help="forcing periods that are recorded (20)")
+    add("--duration", type=float, metavar="TIME", help="follow motions from their start for this time, "
+        "in place of --transient and --record")  # fmt: skip
+    add("--ts", metavar="VALUES", help=f"with --duration, times at which states are saved: {RANGES}")
     add("--carry", choices=("up", "down", "both"), help="start every point where the one before it ended")
     add("--carry-from", metavar="FILE", help="go on from the end states of an earlier sweep")
     add("--x0", metavar="X,X,...", help="positions at the start (0); --x0=-0.1,0 if the first is negative")
@@ -112,6 +116,8 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
         "over",
         "transient",
         "record",
+        "duration",
+        _TIMES,
         "carry",
         *_STARTS,
         "lyapunov",
@@ -142,6 +148,8 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
         if name in options:
             given = options[name]
             options[name] = numbers(name, given) if isinstance(given, str) else swept_values(name, given)
+    if _TIMES in options:
+        options[_TIMES] = swept_values(_TIMES, options[_TIMES])
     if isinstance(options.get("quantities"), str):
         options["quantities"] = options["quantities"].split(",")
     if "carry_from" in options:

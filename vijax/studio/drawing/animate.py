@@ -226,8 +226,7 @@ def _clock(
     ax: Axes, sol: Solution, times: np.ndarray, x: np.ndarray, units: Units | None, style: dict[str, Any]
 ) -> Callable[[int], None]:
     """Draw the time series; return the function that moves its cursor and discs to a frame."""
-    time_series(sol, span=(float(times[0]), float(times[-1])), units=units, ax=ax, **style)
-    ax.legend().remove()  # the boxes of the machine have the colours of the lines
+    time_series(sol, span=(float(times[0]), float(times[-1])), units=units, legend=False, ax=ax, **style)
     cursor = ax.axvline(times[0], color=ink("0.5", "0.6"), linewidth=1)
     (discs,) = ax.plot([], [], "o", color=ink(), markersize=4, zorder=4)
 

@@ -15,6 +15,8 @@ PITCH = 2.3
 # Half of the width of a box, of a container and of a loose mass in it; distance of walls from the outermost boxes.
 HALF, OUTSIDE, LOOSE = 0.5, 1.0, 0.3
 END = 1.25
+# Length of the spring of a compliant stop at rest.
+YIELDING = 0.35
 
 
 class Arrangement(NamedTuple):
@@ -53,7 +55,10 @@ Move = Callable[[Pose], None]
 def arrangement_of(scheme: Scheme) -> Arrangement:
     """Place the masses in a row, each container with its loose mass in it."""
     inside, every = scheme.containers, range(scheme.num_masses)
-    half = np.array([LOOSE if i in inside else OUTSIDE if i in inside.values() else HALF for i in every])
+    half = np.array([LOOSE if i in inside else HALF for i in every])
+    for loose, container in inside.items():
+        is_yielding = any(scheme.is_compliant[limit.number] for limit in scheme.limits if limit.mass == loose)
+        half[container] = OUTSIDE + is_yielding * YIELDING
     row = [i for i in every if i not in inside]
     home, space = np.zeros(scheme.num_masses), PITCH - 2 * HALF
     for before, i in itertools.pairwise(row):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
 from matplotlib.text import Text
 from matplotlib.transforms import Affine2D, Transform
 
@@ -85,6 +85,13 @@ class Canvas(NamedTuple):
         self.ax.add_patch(rectangle)
         rectangle.set_transform(self.transform)
         return rectangle
+
+    def block(self, gid: str, zorder: float) -> Polygon:
+        """Draw a block in ink, whose corners are set later."""
+        block = Polygon(np.zeros((4, 2)), facecolor=ink(), linewidth=0, gid=gid, zorder=zorder)
+        self.ax.add_patch(block)
+        block.set_transform(self.transform)
+        return block
 
     def hatch(self, x: float, y: float, length: float, width: float, gid: str | None = None) -> Rectangle:
         """Draw a hatched piece of the ground."""

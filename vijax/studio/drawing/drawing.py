@@ -25,7 +25,8 @@ from .arrangement import (
     wall_beside,
 )
 from .canvas import FLOOR, HATCHED, LOAD, TRAVEL, WHEEL, Canvas, Positive
-from .limits import CAVITY, draw_limit, draw_pad
+from .friction import INSIDE, draw_pad, rise_of_slider
+from .limits import CAVITY, back_of_limit, draw_limit
 from .links import CEILING, draw_ground, draw_link, rise_of
 from .scheme import DrawnLimit, Scheme
 from .symbols import circles
@@ -93,7 +94,7 @@ def draw(
         draw_link(canvas, arrangement, link, thin, is_spring=is_spring) for link, is_spring in scheme.links
     ]
     moves += [draw_limit(canvas, scheme, arrangement, limit) for limit in scheme.limits]
-    moves += [draw_pad(canvas, arrangement, mass, velocity) for mass, velocity in scheme.pads]
+    moves += [draw_pad(canvas, arrangement, pad) for pad in scheme.pads]
     for mass in scheme.grounded:
         draw_ground(canvas, arrangement, mass)
     moves += [_arrow(canvas, arrangement, i) for i in range(scheme.num_masses) if scheme.load_in_words(i)]
@@ -103,10 +104,10 @@ def draw(
             one(pose)
 
     move(pose)
-    if scheme.pads or not canvas.is_vertical:
+    if scheme.has_floor_pads or not canvas.is_vertical:
         canvas.line(ends, [FLOOR, FLOOR], color=ink("0.6", "0.5"), linewidth=1, zorder=0)
     words = _words(canvas, scheme, arrangement, pose, gaps)
-    has_arrows = scheme.is_moving.any() or any(velocity for _, velocity in scheme.pads)
+    has_arrows = scheme.is_moving.any() or any(pad.support is None and pad.velocity for pad in scheme.pads)
     sides = TRAVEL - 0.12 if has_arrows else FLOOR - 0.08, LOAD + 0.15, _top(scheme, arrangement)
     write = write_words_beside if canvas.is_vertical else write_words
     size = write(ax, words, np.sort(canvas.sign * ends), sides, scale, fits_axes=fits_axes)
@@ -152,6 +153,15 @@ def _top(scheme: Scheme, arrangement: Arrangement) -> float:
         for link, is_spring in scheme.links
         if link.other is not None and not are_neighbours(arrangement, link.mass, link.other)
     ]
+    arcs += [
+        1.1 + rise_of_slider(pad)
+        for pad in scheme.pads
+        if not (
+            pad.support is None
+            or pad.mass in arrangement.inside
+            or are_neighbours(arrangement, *sorted((pad.mass, pad.support)))
+        )
+    ]
     return max([LOAD + 0.1, *ceilings, *arcs])
 
 
@@ -168,14 +178,15 @@ def _boxes(
     """Draw the masses with their numbers, on wheels, in the colours of their curves in other pictures."""
     colors, inside = curve_colors(scheme.num_masses), arrangement.inside
     edge = {"facecolor": canvas.ax.get_facecolor(), "linewidth": 2.2 * thin}
-    (floor, _), widths = CAVITY, 2 * arrangement.half
+    widths, rubbing = 2 * arrangement.half, {pad.mass for pad in scheme.pads if pad.mass in inside}
+    floors = [CAVITY[0] + (INSIDE[1] if i in rubbing else 0.0) for i in range(scheme.num_masses)]
     boxes = []
     for i, color in enumerate(colors):
-        bottom, height, order = (floor, _INSIDE, 3.2) if i in inside else (0.0, 1.0, 3)
+        bottom, height, order = (floors[i], _INSIDE, 3.2) if i in inside else (0.0, 1.0, 3)
         own = merge_style(style, Rectangle, edgecolor=color, zorder=order, gid=f"mass {i}", **edge)
         boxes.append(canvas.rectangle(0.0, bottom, widths[i], height, **own))
     heights = [
-        floor + _INSIDE / 2 if i in inside else _NAME if i in inside.values() else 0.5
+        floors[i] + _INSIDE / 2 if i in inside else _NAME if i in inside.values() else 0.5
         for i in range(len(boxes))
     ]
     font = {"fontsize": 12 * thin, "color": ink(), "clip_on": True}
@@ -211,7 +222,7 @@ def _cavity(
     )
 
     def move(pose: Pose) -> None:
-        left, right = (place_of_limit(arrangement, pose, limit) for limit in ends)
+        left, right = (back_of_limit(scheme, arrangement, pose, limit) for limit in ends)
         cavity.set_x(left)
         cavity.set_width(right - left)
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..._jax.arrays import Numbers
-from ..._system.system import AnySystem, ImpactSystem, machine_of
+from ..._system.system import AbstractFamily, AnySystem, ImpactSystem, machine_of
 from ...plot._axes import create_axes, figure_of
 from .arrangement import Pose
 from .canvas import TIPS, Canvas, Positive
@@ -69,6 +69,10 @@ def machine(
         Wagg & Bishop (2004), Fig. 1.
     """
     check_positive(positive)
+    if not isinstance(system, ImpactSystem | AbstractFamily):
+        raise ValueError(
+            f"Argument `system` must be a machine, a `vx.ImpactSystem` or `vx.Family`, but is a {type(system).__name__}."
+        )
     # NumPy arrays, so that nothing is compiled for a picture.
     own: ImpactSystem = jax.tree.map(np.asarray, machine_of(system))
     scheme = scheme_of_system(own)

@@ -53,8 +53,9 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         force=None if system.force is None else _name(system.force),
         is_compliant=np.array([stop.is_compliant for stop in system.stops], bool),
         is_damped=np.array([bool(getattr(stop, "damping", 0) > 0) for stop in system.stops], bool),
+        is_preloaded=np.array([bool(getattr(stop, "preload", 0) > 0) for stop in system.stops], bool),
         friction=tuple(
-            Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
+            Rubbing(_row(n, one.coefficients), float(one.slip), float(one.velocity), one.contact)
             for one in system.friction
         ),
         omitted=omitted,
@@ -82,9 +83,15 @@ def _row(num_masses: int, coefficients: dict[int, Any]) -> np.ndarray:
 
 def _law_in_words(stop: AnyStop) -> str:
     if isinstance(stop, CompliantStop | CompliantContact):
-        return f"$k$ = {float(stop.stiffness):.3g}"
+        return _cushion_in_words(float(stop.stiffness), float(stop.damping), float(stop.preload))
     (words,) = _coefficients(restitution_of_contacts([stop.restitution], np.zeros(())))
     return words
+
+
+def _cushion_in_words(stiffness: float, damping: float, preload: float) -> str:
+    """Stiffness, and damping and preload where there are any, in a line each."""
+    parts = {"k": stiffness} | {name: a for name, a in (("c", damping), ("N_0", preload)) if a > 0}
+    return "\n".join(f"${name}$ = {a:.3g}" for name, a in parts.items())
 
 
 def _coefficients(restitution: Restitution) -> tuple[str, ...]:
@@ -102,14 +109,21 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     )
     rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, n), contacts.num_stops
     words, friction = _coefficients(contacts.restitution), ()
-    is_compliant = is_damped = np.zeros(num_stops, bool)
+    is_compliant = is_damped = is_preloaded = np.zeros(num_stops, bool)
     if isinstance(contacts, SwitchingContacts):
         laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
-        added, force, velocity = (np.asarray(a) for a in (laws.stiffness, laws.force, laws.velocity))
-        is_damped = np.asarray(laws.damping)[:num_stops] > 0
-        words = tuple(f"$k$ = {added[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
+        force, velocity = (np.asarray(a) for a in (laws.force, laws.velocity))
+        cushions = np.stack([laws.stiffness, laws.damping, laws.preload], axis=1)[:num_stops]
+        is_damped, is_preloaded = cushions[:, 1] > 0, cushions[:, 2] > 0
+        words = tuple(
+            _cushion_in_words(*cushions[j].tolist()) if is_compliant[j] else words[j]
+            for j in range(num_stops)
+        )
+        normal = laws.normal or (-1,) * contacts.num
+        force = force if laws.coefficient is None else force + np.asarray(laws.coefficient)
         friction = tuple(
-            Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
+            Rubbing(rows[j], float(force[j]), float(velocity[j]), None if normal[j] < 0 else normal[j])
+            for j in range(num_stops, contacts.num)
         )
     tables = machine.tables
     return Scheme(
@@ -127,6 +141,7 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         force=None if machine.extra is None else _name(machine.extra.force),
         is_compliant=is_compliant,
         is_damped=is_damped,
+        is_preloaded=is_preloaded,
         friction=friction,
         omitted=omitted,
         accelerations=inverse @ mean if inverse.ndim == 2 else inverse * mean[: len(inverse)],

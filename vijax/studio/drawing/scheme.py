@@ -40,10 +40,37 @@ class Link(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """Friction element: coefficients of the masses, force, and velocity of the surface."""
+    """Friction element: coefficients of the masses, force, velocity of the surface, and number of the contact that presses.
+
+    With a contact, `force` is the coefficient of friction.
+    """
 
     row: np.ndarray
     force: float
+    velocity: float
+    contact: int | None = None
+
+    @property
+    def law(self) -> str:
+        """Law of slip, as a formula."""
+        if self.contact is None:
+            return f"$F$ = {self.force:.3g}"
+        return f"$\\mu$ = {self.force:.3g} on contact {self.contact}"
+
+
+class DrawnFriction(NamedTuple):
+    """A friction element in a drawing: of a mass on the ground or a belt, or between two masses.
+
+    Attributes:
+        number: its index among the friction elements.
+        mass: a mass that rubs; the loose one where the other is its container.
+        support: the mass on which it rubs, None for the ground.
+        velocity: velocity of the surface.
+    """
+
+    number: int
+    mass: int
+    support: int | None
     velocity: float
 
 
@@ -66,6 +93,7 @@ class Scheme(NamedTuple):
         force: the name of the force that is not linear, if there is one.
         is_compliant: which of the stops and contacts yield, (stops,).
         is_damped: which of those have a damper, (stops,).
+        is_preloaded: which of those have a spring under compression at rest, (stops,).
         friction: the friction elements.
         omitted: what the matrices lack, in words; empty if nothing.
         accelerations: M^-1 times the mean load, (n,).
@@ -88,6 +116,7 @@ class Scheme(NamedTuple):
     force: str | None
     is_compliant: np.ndarray
     is_damped: np.ndarray
+    is_preloaded: np.ndarray
     friction: tuple[Rubbing, ...] = ()
     omitted: str = ""
     accelerations: np.ndarray | None = None
@@ -112,7 +141,7 @@ class Scheme(NamedTuple):
         found, inside = [], self.containers
         for j, row in enumerate(self.rows):
             own = np.flatnonzero(row)
-            if len(own) == 1 or (len(own) == 2 and row[own].sum() == 0):
+            if len(own) == 1 or is_distance(row):
                 support, mass = [None, *own.tolist()][-2:]
                 if support in inside:
                     support, mass = mass, support
@@ -123,31 +152,44 @@ class Scheme(NamedTuple):
     def containers(self) -> dict[int, int]:
         """Loose masses that bounce between two ends of another mass, each with that mass.
 
-        They have no links, loads or contacts but the two with their container, which is linked to something.
+        They have no links, loads, contacts or friction but those with their container, which is linked to something.
         """
         linked = {i for link, _ in self.links for i in (link.mass, link.other)}
         loaded = set(np.flatnonzero(abs(self.mean) + self.largest_varying_load).tolist())
-        rubbing = {i for one in self.friction for i in np.flatnonzero(one.row).tolist()}
         found = {}
-        for loose in set(range(self.num_masses)) - linked - loaded - rubbing:
+        for loose in set(range(self.num_masses)) - linked - loaded:
             touching = self.rows[self.rows[:, loose] != 0]
             others = set(np.flatnonzero(touching.any(axis=0)).tolist()) - {loose}
             is_between = (
                 len(touching) == 2 and not touching.sum(axis=0).any() and not touching.sum(axis=1).any()
             )
-            if is_between and len(others) == 1 and others <= linked:
+            rubbing = [one.row for one in self.friction if one.row[loose]]
+            is_inside = all(
+                is_distance(row) and set(np.flatnonzero(row).tolist()) - {loose} == others for row in rubbing
+            )
+            if is_between and is_inside and len(others) == 1 and others <= linked:
                 (found[loose],) = others
         is_single = [list(found.values()).count(container) == 1 for container in found.values()]
         return {loose: found[loose] for loose, single in zip(found, is_single, strict=True) if single}
 
     @property
-    def pads(self) -> list[tuple[int, float]]:
-        """Masses that rub on the ground or on a belt, and the velocity of that."""
-        return [
-            (int(np.flatnonzero(one.row)[0]), one.velocity / float(one.row.sum()))
-            for one in self.friction
-            if np.count_nonzero(one.row) == 1
-        ]
+    def pads(self) -> list[DrawnFriction]:
+        """Friction on the ground, on a belt, or between two masses; other rows cannot be drawn."""
+        found, inside = [], self.containers
+        for k, one in enumerate(self.friction):
+            row, velocity = one.row, one.velocity
+            own = np.flatnonzero(row).tolist()
+            if len(own) == 1:
+                found.append(DrawnFriction(k, own[0], None, velocity / float(row.sum())))
+            elif is_distance(row):
+                mass, support = own if own[0] in inside else own[::-1]
+                found.append(DrawnFriction(k, mass, support, velocity / float(row[mass])))
+        return found
+
+    @property
+    def has_floor_pads(self) -> bool:
+        """Flag of friction on the ground or on a belt."""
+        return any(pad.support is None for pad in self.pads)
 
     @property
     def grounded(self) -> list[int]:
@@ -198,7 +240,7 @@ class Scheme(NamedTuple):
         """Notes on all that the drawing does not show."""
         drawn = {limit.number for limit in self.limits}
         rows = [
-            f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq {self.limit[j]:.3g}$, {self.restitution[j]}"
+            f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq {self.limit[j]:.3g}$, {', '.join(self.restitution[j].splitlines())}"
             for j, row in enumerate(self.rows)
             if j not in drawn
         ]
@@ -207,8 +249,7 @@ class Scheme(NamedTuple):
         inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
         negative += [self.omitted] if self.omitted else []
         rubbing = [
-            f"friction {k}: of ${in_symbols(one.row)}$, $F$ = {one.force:.3g}"
-            for k, one in enumerate(self.friction)
+            f"friction {k}: of ${in_symbols(one.row)}$, {one.law}" for k, one in enumerate(self.friction)
         ]
         return [
             *rows,
@@ -253,6 +294,11 @@ class Scheme(NamedTuple):
             terms.append(f"+ f_{mass}(t)")
         words = " ".join(terms[:2]).removeprefix("+ ")
         return f"${words}{' + ...' if len(terms) > 2 else ''}$"
+
+
+def is_distance(row: np.ndarray) -> bool:
+    """True for a row that is a multiple of the distance of two masses."""
+    return bool(np.count_nonzero(row) == 2 and row.sum() == 0)
 
 
 def _links(matrix: np.ndarray) -> list[Link]:

@@ -30,6 +30,19 @@ def damper(start: tuple[float, float], end: tuple[float, float], rise: float = 0
     return way.beside(np.array(along), np.array(aside))
 
 
+def slider(
+    start: tuple[float, float], end: tuple[float, float], rise: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two plates that overlap, (2, points), with the pad of friction between them, its corners (2, 4)."""
+    way = _CentreLine(start, end, rise)
+    half, shift = min(0.2, 0.3 / way.length), 0.5 * _HALF
+    first, second = np.linspace(0, 0.5 + half, _BENT), np.linspace(0.5 - half, 1, _BENT)
+    along = np.concatenate([first, [np.nan], second])
+    aside = np.concatenate([np.full(_BENT, -shift), [np.nan], np.full(_BENT, shift)])
+    corners = 0.5 + 0.6 * half * np.array([-1.0, 1.0, 1.0, -1.0])
+    return way.beside(along, aside), way.beside(corners, shift * np.array([-1.0, -1.0, 1.0, 1.0]))
+
+
 def circles(x: np.ndarray, y: float, radius: float) -> np.ndarray:
     """Circles at one height, (2, points), separated by NaN."""
     angle = np.append(np.linspace(0, 2 * np.pi, 25), np.nan)

@@ -17,6 +17,8 @@ import xarray as xr
 from matplotlib.colors import to_hex
 
 from ..._sections.classify import classified
+from ...plot._bifurcation import label_of_impacts
+from ...plot._branch import MARKERS
 from ...plot._labels import axis_label
 from ...plot._motions import legend_entries, motions_of
 from ...plot._ordinates import Ordinate, ordinate_of, ordinates
@@ -30,7 +32,7 @@ IMPACTS = "velocity"
 # Number of points above which a browser becomes slow.
 MANY = 20_000
 _PIXELS, _CLASSES = 800, 6
-_SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ"}
+_SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ", "v^-": "v⁻"}
 
 
 def plain_label(path: str, ds: xr.Dataset | None = None) -> str:
@@ -42,6 +44,8 @@ def plain(words: str) -> str:
     """Words without TeX."""
     for tex, sign in _SYMBOLS.items():
         words = words.replace(tex, sign)
+    indices = str.maketrans("0123456789,", "₀₁₂₃₄₅₆₇₈₉,")
+    words = re.sub(r"_\{([\d,]*)\}", lambda found: found[1].translate(indices), words.replace("\n", " "))
     return re.sub(r"\$|_\{[\w, ]*\}", "", words).replace(r"\times", "*")
 
 
@@ -73,11 +77,10 @@ class Ordinates(NamedTuple):
 
     def label(self, ds: xr.Dataset) -> str:
         """Label of the y axis."""
+        masses = ds["stop_mass"].values
         if self.name == IMPACTS:
-            return f"Velocity before impact at stop {self.stop}"
-        quantity = self._quantity(ds)
-        words = plain(quantity.words.format(f"stop {self.stop}").replace("\n", " "))
-        return f"{words}, mass {self.mass}" if quantity.axis == "mass" else words
+            return plain(label_of_impacts(IMPACTS, self.stop, masses, None))
+        return plain(self._quantity(ds).label(self.number(ds), masses, None))
 
     def _quantity(self, ds: xr.Dataset) -> Ordinate:
         found = ordinate_of(self.name, ds)
@@ -141,6 +144,36 @@ def branch_curves(lines: Mapping[bool, tuple[np.ndarray, np.ndarray]], look: Pag
         for is_stable, xy in lines.items()
     ]
     return reduce(mul, drawn)
+
+
+# Marker of bokeh, and sign in the legend, for each marker of matplotlib.
+_MARKS = {
+    "o": ("circle", "○"),
+    "D": ("diamond", "◇"),
+    "p": ("hex", "⬡"),
+    "*": ("star", "☆"),
+    "v": ("inverted_triangle", "▽"),
+    "d": ("diamond_dot", "◈"),
+    "^": ("triangle", "△"),
+    "s": ("square", "□"),
+}
+_OTHER_MARK = ("hex_dot", "⬢")
+
+
+def sign_of(kind: str) -> str:
+    """Sign of a kind of bifurcation in the legend."""
+    return _MARKS.get(MARKERS.get(kind, ""), _OTHER_MARK)[1]
+
+
+def branch_marks(marks: Mapping[str, list[tuple[float, float]]], look: PageStyle) -> list[Any]:
+    """The bifurcations of a branch, with a marker for each kind, as in `vx.plot.branch`."""
+    style: dict[str, Any] = {"line_color": look.ink, "fill_color": look.page, "line_width": 1.5, "size": 9}
+    return [
+        hv.Points(places, ["swept", "ordinate"]).opts(
+            marker=_MARKS.get(MARKERS.get(kind, ""), _OTHER_MARK)[0], **style
+        )
+        for kind, places in marks.items()
+    ]
 
 
 def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[Any, dict[str, str]]:

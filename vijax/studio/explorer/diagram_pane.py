@@ -1,6 +1,8 @@
 """The diagram on the page: with branches, a marker of the chosen point, a legend, and a listener of clicks."""
 
 from collections.abc import Callable
+from functools import reduce
+from operator import mul
 from typing import Any
 
 import holoviews as hv
@@ -9,16 +11,18 @@ import xarray as xr
 from holoviews.streams import Pipe, Tap
 
 from ..._branches.branch import Branch
-from ...plot._branch import lines_of_branch
+from ...plot._branch import label_of_kind, lines_of_branch, marks_of_branch
 from .diagram import (
     IMPACTS,
     Ordinates,
     axes_in,
     branch_curves,
+    branch_marks,
     chart_image,
     direction_near,
     marker,
     points_of,
+    sign_of,
 )
 from .look import PageStyle
 from .motion import nearest_value
@@ -53,9 +57,11 @@ class DiagramPane:
             ds = nearest_value(ds, dim, place[dim])
         if len(self.drawn) == 1:
             drawn = points_of(ds, self.drawn[0], ordinates, look)
-            for lines in self._lines(branches):
-                drawn = drawn * branch_curves(lines, look)
-            self.legend.object = legend_of_points(look, "direction" in place, bool(branches))
+            kinds: dict[str, str] = {}
+            for lines, marks in self._lines(branches):
+                drawn = reduce(mul, [drawn, branch_curves(lines, look), *branch_marks(marks, look)])
+                kinds |= {label_of_kind(kind): sign_of(kind) for kind in marks}
+            self.legend.object = legend_of_points(look, "direction" in place, bool(branches), kinds)
         else:
             ds = ds.sel(direction=place["direction"]) if "direction" in place else ds
             drawn, colors = chart_image(ds, self.drawn[0], self.drawn[1], look)
@@ -84,10 +90,10 @@ class DiagramPane:
         return (drawn * marked).opts(hv.opts.Overlay(**style, show_legend=False, hooks=[axes_in(look)]))
 
     def _lines(self, branches: list[Branch]) -> list[Any]:
-        """Lines of the branches that have the ordinate, and an impact where it needs one."""
+        """Lines and marks of the branches that have the ordinate, and an impact where it needs one."""
         own = self.ordinates
         return [
-            lines_of_branch(branch, own.number(self.ds), own.name)
+            tuple(of(branch, own.number(self.ds), own.name) for of in (lines_of_branch, marks_of_branch))
             for branch in branches
             if own.name == IMPACTS or own.name in branch.points
         ]

@@ -65,6 +65,11 @@ def check(ds: xr.Dataset, ordinate: str) -> None:
     """Raise unless the dataset is a sweep with a known machine and this ordinate."""
     if "result" not in ds or not swept_paths(ds["result"]):
         raise ValueError("The explorer shows what `vx.sweep` returned, over one swept quantity or more.")
+    if "duration" in ds.attrs:
+        raise ValueError(
+            "The explorer shows motions by their forcing periods, but this sweep follows them for a `duration`: draw it with "
+            "`vx.plot.bifurcation`, and single motions with `vx.plot.time_series`."
+        )
     system_of(ds)
     known = ["velocity", *(name for name in ordinates() if name in ds or name.startswith("section_"))]
     if ordinate not in known:

@@ -17,12 +17,12 @@ DPI = 100
 
 
 def pictures_of(motion: PointMotion | None, mass: int, look: PageStyle) -> dict[str, Figure]:
-    """Time series, phase portrait of a mass, impact map and multipliers; empty without a motion."""
+    """Time series, phase portrait of a mass, impact map and multipliers, without an orbit its section; empty without a motion."""
     draws: tuple[Callable[[PointMotion, Axes], object], ...] = (
         lambda m, ax: plot.time_series(m.solution, span=m.shown, ax=ax),
         lambda m, ax: plot.phase_portrait(m.solution, mass, span=m.shown, ax=ax),
         lambda m, ax: plot.impact_map(m.solution, None, ax=ax),
-        _multipliers,
+        lambda m, ax: _multipliers(m, mass, ax),
     )
     with look.style():
         return {name: _figure(motion, draw, look) for name, draw in zip(PICTURES, draws, strict=True)}
@@ -39,9 +39,11 @@ def words_of_multipliers(motion: PointMotion) -> str:
     return f"{', '.join(parts)} ({'stable' if motion.orbit.is_stable else 'unstable'})"
 
 
-def _multipliers(motion: PointMotion, ax: Axes) -> object:
+def _multipliers(motion: PointMotion, mass: int, ax: Axes) -> object:
+    """The multipliers of the orbit; the section of a motion that is none."""
     if motion.orbit is None:
-        raise ValueError("No periodic orbit, so no multipliers.")
+        plot.section(motion.solution, mass, ax=ax)
+        return ax.set_title("stroboscopic section: no periodic orbit here", fontsize="medium")
     return plot.multipliers(motion.orbit, ax=ax)
 
 

@@ -2,6 +2,7 @@
 
 import html
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import panel as pn
@@ -92,12 +93,14 @@ def copy_button(code: pn.widgets.TextAreaInput) -> pn.widgets.Button:
 
 
 def legend(entries: Mapping[str, tuple[str, str]], title: str, look: PageStyle) -> str:
-    """Legend as HTML: by words a CSS border style, or "fill", and a colour."""
+    """Legend as HTML: by words a CSS border style, "fill", or "sign" for words that begin with one, and a colour."""
     parts = []
     for words, (stroke, color) in entries.items():
         look_of = (
             f"height: 0.9em; width: 0.9em; border: 1px solid {look.faint}; background: {color}"
             if stroke == "fill"
+            else ""
+            if stroke == "sign"
             else f"height: 0.3em; width: 2.2em; border-top: 3px {stroke} {color}"
         )
         parts.append(
@@ -108,11 +111,14 @@ def legend(entries: Mapping[str, tuple[str, str]], title: str, look: PageStyle) 
     return f"<div class='legend' style='color: {look.ink}'>{head}{' '.join(parts)}</div>"
 
 
-def legend_of_points(look: PageStyle, has_directions: bool, has_branches: bool) -> str:
-    """Legend of a diagram over one quantity; empty where nothing needs words."""
+def legend_of_points(
+    look: PageStyle, has_directions: bool, has_branches: bool, marks: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Legend of a diagram over one quantity, with the signs of its marks; empty where nothing needs words."""
     entries: dict[str, tuple[str, str]] = {}
     if has_directions:
         entries = {f"swept {way}": ("dotted", color) for way, color in (("up", look.up), ("down", look.down))}
     if has_branches:
         entries |= {"branch, stable": ("solid", look.chosen), "unstable": ("dashed", look.chosen)}
+    entries |= {f"{sign} {words}": ("sign", "") for words, sign in marks.items()}
     return legend(entries, "", look) if entries else ""

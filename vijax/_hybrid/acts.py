@@ -1,0 +1,106 @@
+"""Search for a set of acts of elements that agrees with all laws, among finitely many, see `decision.py` and `friction_impacts.py`.
+
+Up to a number of elements all sets are tried, one after the other, and the best is taken. Of more, the first are the starts of
+pivots: all elements in conflict change their act at once, later one at a time (as principal pivots of linear
+complementarity: K. G. Murty, Linear Algebra Appl. 7 (1974)).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from .._jax.xla import is_any
+
+# Of more elements than all sets are tried of: number of starts, of pivots from each, and of those that change several acts at
+# once.
+_STARTS, _PIVOTS, _JOINT_PIVOTS = 27, 64, 16
+# Score of a conflict, of friction at rest, of any other element at rest.
+CONFLICT, STICKS, HOLDS = -10_000, 100, 1
+
+
+class Judged(NamedTuple):
+    """A set of acts: its score, not negative if it stands; the acts after a pivot; what it means."""
+
+    score: Int[Array, "..."]
+    proposed: Int[Array, "contacts ..."]
+    found: Any
+
+
+class _Search(NamedTuple):
+    """Search among sets of acts: the number of turns, the last set begun with, the next one, and the best so far."""
+
+    turn: Int[Array, ""]
+    start: Int[Array, "contacts ..."]
+    acts: Int[Array, "contacts ..."]
+    is_last: Bool[Array, "..."]
+    best: Judged
+
+
+def search_acts(
+    judge: Callable[[Array], Judged],
+    elements: Bool[Array, "contacts ..."],
+    first: Int[Array, "contacts ..."],
+    most: Int[Array, "..."],
+    nothing: Any,
+    *,
+    enumerated: int,
+    has_two: Bool[Array, "contacts ..."] | None = None,
+) -> Judged:
+    """Best set of acts 0, -1 and 1 of the elements.
+
+    Args:
+        judge: judges a set.
+        elements: flags of the elements that have a choice.
+        first: the set to begin with, all acts 0.
+        most: score that no set exceeds.
+        nothing: what a set means, before any is judged.
+        enumerated: number of elements up to which all sets are tried.
+        has_two: flags of elements that have the acts 0 and -1 alone; none if left out.
+    """
+    count = jnp.sum(elements, axis=0)
+    is_listed = count <= enumerated
+
+    def goes_on(carry: _Search) -> Array:
+        is_over = (carry.best.score >= jnp.where(is_listed, most, 0)) | carry.is_last
+        return is_any(~is_over & (is_listed | (carry.turn < _STARTS * _PIVOTS)))
+
+    def turned(carry: _Search) -> _Search:
+        found = judge(carry.acts)
+        best = jax.tree.map(lambda a, b: jnp.where(found.score > carry.best.score, a, b), found, carry.best)
+        turn = carry.turn + 1
+        following, is_last = _next_set(elements, carry.start, has_two)
+        starts_anew = is_listed | (turn % _PIVOTS == 0)
+        start = jnp.where(starts_anew, following, carry.start)
+        changes = found.proposed != carry.acts
+        first_change = changes & (jnp.cumsum(changes, axis=0) == 1)
+        is_single = turn % _PIVOTS > _JOINT_PIVOTS
+        pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, carry.acts)
+        is_last = carry.is_last | (is_listed & is_last)
+        return _Search(turn, start, jnp.where(starts_anew, start, pivoted), is_last, best)
+
+    lowest = jnp.full_like(count, 2 * len(elements) * CONFLICT)
+    search = _Search(jnp.array(0), first, first, jnp.zeros_like(count, bool), Judged(lowest, first, nothing))
+    return jax.lax.while_loop(goes_on, turned, search).best
+
+
+def _next_set(
+    elements: Array, acts: Array, has_two: Array | None
+) -> tuple[Int[Array, "contacts ..."], Bool[Array, "..."]]:
+    """The set that follows, acts 0, -1, 1 counted upwards from the first element at rest; and whether it is the first again."""
+
+    def count(carries: Array, one: tuple[Array, ...]) -> tuple[Array, Array]:
+        is_at_rest, act, *two = one
+        # 0 -> -1 -> 1 -> 0.
+        turned = jnp.where(act == 0, -1, jnp.where(act < 0, 1, 0)).astype(act.dtype)
+        is_last = act > 0
+        if two:
+            is_last = is_last | (two[0] & (act < 0))
+            turned = jnp.where(is_last, jnp.int8(0), turned)
+        return carries & (~is_at_rest | is_last), jnp.where(carries & is_at_rest, turned, act)
+
+    rows = (elements, acts) if has_two is None else (elements, acts, has_two)
+    carries, acts = jax.lax.scan(count, jnp.ones_like(elements[0]), rows)
+    return acts, carries
