@@ -80,7 +80,7 @@ def sweep(
             or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
         v0: velocities at the start of every point, (n,); zero if left out.
-        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for one with
+        flow: the motion between events. If left out, exact for a linear machine, and `vx.TaylorFlow()` for one with
             a `force`, which must depend on t with the period of the load, or not at all; with `duration` in any way.
         args: passed to the `force` of the machine.
         lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to

@@ -53,9 +53,9 @@ class ImpactSystem(eqx.Module):
             `vx.CompliantContact`, in any mixture; results number them in this order.
         force: any other force on the masses, a smooth JAX function of the time (a number), positions and velocities
             (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an `eqx.Module`, whose numbers are
-            parameters of the machine, or a plain function. A machine with a force is nonlinear, and is simulated by
-            `DiffraxFlow`. Stroboscopic maps and sweeps need a force that depends on t with the period of the load, or
-            not at all.
+            parameters of the machine, or a plain function. A machine with a force is nonlinear, and moves by
+            `TaylorFlow`, or by `DiffraxFlow` where the force has no Taylor series. Stroboscopic maps and sweeps need a
+            force that depends on t with the period of the load, or not at all.
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
         hysteresis: any number of `vx.Jenkins`, not beside a `force`; event logs number them in this order after friction.
         num_states: number of last coordinates of which the velocity alone counts: first-order states, such as a voltage,

@@ -63,7 +63,7 @@ def simulate(
         x0: positions at t0, (n,); zero if left out. May lie on a stop.
         v0: velocities at t0, (n,); zero if left out.
         ts: times at which to save the state, in increasing order; t1 if left out.
-        flow: the motion between events; if left out, exact for a linear machine, `vx.DiffraxFlow()` for one with a
+        flow: the motion between events; if left out, exact for a linear machine, `vx.TaylorFlow()` for one with a
             `force`.
         args: passed to the `force` of the machine: numbers and arrays in any nesting.
         max_events: length of the event log. If left out, 1024 or as many as the motion has, up to a million; always 1024
