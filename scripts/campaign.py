@@ -5,7 +5,8 @@
 Rounds are numbered; each draws a shape of machine and the numbers of many machines of it, see `random_machines/`. A round
 that is done is a line of `tally.jsonl` in the folder: the same command goes on where it was stopped or killed, and
 several at once, with other `--first` and `--stride`, share the work. A failure is repeated by
-`--round K`. With `--symmetric` the machines of a round are made symmetric.
+`--round K`. With `--symmetric` the machines of a round are made symmetric. Half of the rounds, or the share `--degenerate`,
+have machines with coincidences: equal masses, gaps of zero, starts at rest, see `random_machines/degenerate.py`.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from random_machines.degenerate import degenerate
 from random_machines.families import check_family, check_sweep
 from random_machines.machines import draw_numbers, draw_shape, own_numbers, symmetric
 from random_machines.motions import Failure, check_alone, check_motions
@@ -41,11 +43,15 @@ def play(
     sweeps: int = 0,
     *,
     is_symmetric: bool = False,
+    degenerates: float = 0.5,
 ) -> dict:
     """One round: what it is, and what failed."""
     rng = np.random.default_rng([SEED, number])
     shape = draw_shape(rng, most_masses)
     numbers = draw_numbers(rng, shape, machines)
+    is_degenerate = bool(rng.random() < degenerates)
+    if is_degenerate:
+        numbers = degenerate(rng, shape, numbers)
     if is_symmetric:
         shape, numbers = symmetric(shape, numbers)
     start = time.process_time()
@@ -65,6 +71,7 @@ def play(
     return {
         "round": number,
         "symmetric": is_symmetric,
+        "degenerate": is_degenerate,
         "shape": shape._asdict(),
         "machines": machines,
         "runs": RUNS * machines,
@@ -103,6 +110,9 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
         "--sweeps", type=int, default=0, help="machines of every fourth round that are swept, if more"
     )
     parser.add_argument("--symmetric", action="store_true", help="make the machines symmetric")
+    parser.add_argument(
+        "--degenerate", type=float, default=0.5, help="share of the rounds whose machines have coincidences"
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first round")
     parser.add_argument("--stride", type=int, default=1, help="step between the rounds of this process")
     parser.add_argument("--round", type=int, help="play this round alone, and print it")
@@ -121,6 +131,7 @@ def main() -> None:
         families=options.families,
         sweeps=options.sweeps,
         is_symmetric=options.symmetric,
+        degenerates=options.degenerate,
     )
     if options.round is not None:
         print(json.dumps(play_round(options.round), indent=1))

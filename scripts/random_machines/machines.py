@@ -20,7 +20,9 @@ class Shape(NamedTuple):
         stops: mass and side of each rigid stop.
         contacts: masses of each rigid contact.
         cushions: mass and side of each compliant stop.
-        pads: masses of each friction element.
+        pads: masses of each friction element of constant normal force.
+        rubs: masses of each friction element tied to a contact, and the number of that, stops, contacts and cushions in one row.
+        sliders: masses of each Jenkins element.
         harmonics: of the load.
         is_driven: whether there is a load, a mean load, a moving stop or a belt.
         is_moving: whether stop 0 moves.
@@ -33,6 +35,8 @@ class Shape(NamedTuple):
     contacts: tuple[Row, ...]
     cushions: tuple[tuple[int, Side], ...]
     pads: tuple[Row, ...]
+    rubs: tuple[tuple[Row, int], ...]
+    sliders: tuple[Row, ...]
     harmonics: int
     is_driven: bool
     is_moving: bool
@@ -40,8 +44,8 @@ class Shape(NamedTuple):
 
     @property
     def is_switching(self) -> bool:
-        """Whether forces switch: friction or compliant stops."""
-        return bool(self.cushions or self.pads)
+        """Whether forces switch: friction, Jenkins elements or compliant stops."""
+        return bool(self.cushions or self.pads or self.rubs or self.sliders)
 
     @property
     def is_rigid(self) -> bool:
@@ -55,7 +59,7 @@ def draw_shape(rng: np.random.Generator, most_masses: int) -> Shape:
     sides: tuple[Side, Side] = "lower", "upper"
     whole = [(i, side) for i in range(n) for side in sides]
     places = [whole[k] for k in rng.permutation(len(whole))]
-    kind = rng.choice(["stops", "contacts", "friction", "cushions", "all"])
+    kind = rng.choice(["stops", "contacts", "friction", "cushions", "rubbing", "hysteresis", "all"])
     stops = places[: rng.integers(1, min(4, 2 * n) + 1)]
     contacts: list[Row] = []
     cushions: list[tuple[int, Side]] = []
@@ -68,6 +72,14 @@ def draw_shape(rng: np.random.Generator, most_masses: int) -> Shape:
     if kind in ("friction", "all"):
         pads = [_row(rng, n) for _ in range(rng.integers(1, 3))]
         pads = list(dict.fromkeys(pads))
+    pressing = len(stops) + len(contacts) + len(cushions)
+    rubs: list[tuple[Row, int]] = []
+    if pressing and (kind == "rubbing" or (kind == "all" and rng.random() < 0.3)):
+        rubs = [(_row(rng, n), int(rng.integers(pressing))) for _ in range(rng.integers(1, 3))]
+        rubs = list(dict.fromkeys(rubs))
+    sliders: list[Row] = []
+    if kind == "hysteresis" or (kind == "all" and rng.random() < 0.3):
+        sliders = [_row(rng, n) for _ in range(rng.integers(1, 3))]
     is_driven = bool(rng.random() < 0.85)
     return Shape(
         masses=n,
@@ -76,6 +88,8 @@ def draw_shape(rng: np.random.Generator, most_masses: int) -> Shape:
         contacts=tuple(contacts),
         cushions=tuple(cushions),
         pads=tuple(pads),
+        rubs=tuple(rubs),
+        sliders=tuple(sliders),
         harmonics=int(rng.choice([1, 1, 1, 2, 3])),
         is_driven=is_driven,
         is_moving=bool(is_driven and stops and rng.random() < 0.2),
@@ -132,7 +146,7 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
             distance[:, j] = np.where(distance[:, j] + distance[:, k] == 0, 0.1, distance[:, j])
     if shape.is_moving:  # at the start it may be anywhere on its way
         position[:, 0] += travel
-    return {
+    numbers = {
         "mass": full,
         "damping": damping,
         "stiffness": stiffness,
@@ -152,9 +166,36 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
         "friction": force,
         "static": force * sometimes(0.5, 1.0, rng.uniform(1, 2, force.shape)),
         "belt": driven * sometimes(0.7, 0.0, rng.normal(size=(count, num_pads)) * 0.3),
+        "slider_stiffness": spread(-1, 1.5, len(shape.sliders)),
+        "slider_limit": spread(-1.5, 0.3, len(shape.sliders)),
         "x0": x0,
         "v0": rng.normal(size=(count, n)),
     }
+    return numbers | {
+        "coefficient": largest_coefficients(shape, numbers) * spread(-1.5, 0.0, len(shape.rubs))
+    }
+
+
+def largest_coefficients(shape: Shape, a: dict[str, np.ndarray]) -> np.ndarray:
+    """Coefficients of friction of contacts with which each contact can still slip (Painleve), (count, rubs)."""
+    n = shape.masses
+    matrices = a["mass"] if shape.is_full else np.einsum("bi,ij->bij", a["mass"], np.eye(n))
+    flexibility = np.linalg.inv(matrices)
+    pressing = [*((i,) for i, _ in shape.stops), *shape.contacts, *((i,) for i, _ in shape.cushions)]
+    found = np.empty((len(matrices), len(shape.rubs)))
+    for k, (row, contact) in enumerate(shape.rubs):
+        normal, tangent = (_vector(one, n) for one in (pressing[contact], row))
+        own, beside = (np.einsum("i,bij,j->b", normal, flexibility, one) for one in (normal, tangent))
+        share = 0.8 / sum(other == contact for _, other in shape.rubs)
+        found[:, k] = np.minimum(3.0, share * own / np.maximum(np.abs(beside), 1e-300))
+    return found
+
+
+def _vector(row: Row, n: int) -> np.ndarray:
+    vector = np.zeros(n)
+    for i, value in _coefficients(row).items():
+        vector[i] = value
+    return vector
 
 
 def _restitution(rng: np.random.Generator, size: tuple[int, ...]) -> np.ndarray:
@@ -200,12 +241,26 @@ def machine(shape: Shape, a: dict[str, Any]) -> vx.ImpactSystem:
         vx.Friction(_coefficients(row), a["friction"][j], a["static"][j], a["belt"][j])
         for j, row in enumerate(shape.pads)
     ]
-    return vx.ImpactSystem(a["mass"], a["damping"], a["stiffness"], load, stops, friction=friction)
+    friction += [
+        vx.Friction(_coefficients(row), coefficient=a["coefficient"][j], contact=contact)
+        for j, (row, contact) in enumerate(shape.rubs)
+    ]
+    hysteresis = [
+        vx.Jenkins(_coefficients(row), a["slider_stiffness"][j], a["slider_limit"][j])
+        for j, row in enumerate(shape.sliders)
+    ]
+    matrices = a["mass"], a["damping"], a["stiffness"]
+    return vx.ImpactSystem(*matrices, load, stops, friction=friction, hysteresis=hysteresis)
 
 
 def own_numbers(a: dict[str, np.ndarray], lane: int) -> dict[str, np.ndarray]:
     """Numbers of one lane."""
     return {name: value[lane] for name, value in a.items()}
+
+
+def of_lanes(a: dict[str, np.ndarray], lanes: list[int]) -> dict[str, np.ndarray]:
+    """Numbers of some lanes."""
+    return {name: value[lanes] for name, value in a.items()}
 
 
 def _side(side: str) -> float:
@@ -227,7 +282,7 @@ def mirrored(shape: Shape, a: dict) -> tuple[Shape, dict]:
 
 
 def symmetric(shape: Shape, a: dict) -> tuple[Shape, dict]:
-    """The machine made symmetric: with the mirror images of its stops, contacts and cushions, no means, belts, moving stops.
+    """The machine made symmetric: with the mirror images of its stops, contacts and cushions, no means, belts, moving stops, rubs.
 
     The mirror image of a motion, half a forcing period later, is then a motion as well: of the harmonics only odd ones act.
     """
@@ -250,8 +305,10 @@ def symmetric(shape: Shape, a: dict) -> tuple[Shape, dict]:
         stops=tuple((shape.stops[j][0], side) for j in one_side for side in sides),
         contacts=tuple(row for j in one_way for row in (shape.contacts[j], shape.contacts[j][::-1])),
         cushions=tuple((shape.cushions[j][0], side) for j in one_cushion for side in sides),
+        rubs=(),
         is_moving=False,
     )
+    numbers["coefficient"] = a["coefficient"][:, :0]
     return other, {**a, **numbers}
 
 
@@ -279,6 +336,8 @@ def in_other_units(a: dict, mass: np.ndarray, length: np.ndarray, time: np.ndarr
         "friction": force,
         "static": force,
         "belt": length / time,
+        "slider_stiffness": mass / time**2,
+        "slider_limit": force,
         "x0": length,
         "v0": length / time,
     }
@@ -305,15 +364,27 @@ def permuted(shape: Shape, a: dict, order: np.ndarray) -> tuple[Shape, dict]:
         cushions=tuple((int(order[i]), side) for i, side in shape.cushions),
         contacts=rows(shape.contacts),
         pads=rows(shape.pads),
+        rubs=tuple((rows((row,))[0], contact) for row, contact in shape.rubs),
+        sliders=rows(shape.sliders),
     )
     return other, {**a, **numbers}
 
 
 def free(shape: Shape, a: dict) -> tuple[Shape, dict]:
     """The machine on which nothing acts from outside: no ground, no stops, no load."""
-    own = [j for j, row in enumerate(shape.pads) if len(row) == 2]
+    own, sliders = (
+        [j for j, row in enumerate(rows) if len(row) == 2] for rows in (shape.pads, shape.sliders)
+    )
+    first, count = len(shape.stops), len(shape.contacts)
+    rubs = [j for j, (row, k) in enumerate(shape.rubs) if len(row) == 2 and first <= k < first + count]
     other = shape._replace(
-        stops=(), cushions=(), pads=tuple(shape.pads[j] for j in own), is_driven=False, is_moving=False
+        stops=(),
+        cushions=(),
+        pads=tuple(shape.pads[j] for j in own),
+        rubs=tuple((shape.rubs[j][0], shape.rubs[j][1] - first) for j in rubs),
+        sliders=tuple(shape.sliders[j] for j in sliders),
+        is_driven=False,
+        is_moving=False,
     )
     numbers = {name: np.zeros_like(a[name]) for name in ("amplitude", "mean")}
     for name in ("damping", "stiffness"):
@@ -321,4 +392,6 @@ def free(shape: Shape, a: dict) -> tuple[Shape, dict]:
     for name in ("position", "restitution", "cushion", "cushion_stiffness", "cushion_damping", "preload"):
         numbers[name] = a[name][:, :0]
     numbers |= {name: a[name][:, own] for name in ("friction", "static", "belt")}
+    numbers |= {name: a[name][:, sliders] for name in ("slider_stiffness", "slider_limit")}
+    numbers["coefficient"] = a["coefficient"][:, rubs]
     return other, {**a, **numbers}

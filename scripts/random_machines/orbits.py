@@ -5,7 +5,7 @@ import numpy as np
 import vijax as vx
 
 from .machines import Shape, machine, own_numbers
-from .motions import MOST_STEPS, ROOM, Failure
+from .motions import MOST_STEPS, ROOM, Failure, stretches_of
 
 # Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
 SETTLED, NEARLY = 300, 1e-4
@@ -32,7 +32,8 @@ def _other_ways(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
     if multipliers[-1] > UNSTABLE:
         return []
     sol = vx.simulate(system, 0.0, PHASE * period, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
-    other = vx.periodic_orbit(system, sol.x1, sol.v1, n, phase=2 * np.pi * PHASE, throw=False)
+    state = _state(system, sol, PHASE * period)
+    other = vx.periodic_orbit(system, *np.split(state, 2), n, phase=2 * np.pi * PHASE, throw=False)
     away = np.abs(np.sort(np.abs(np.asarray(other.multipliers))) - multipliers).max() / max(
         1.0, multipliers[-1]
     )
@@ -60,14 +61,13 @@ def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.Peri
         sol = vx.simulate(
             system, 0.0, ts[-1], *start, ts=ts, max_events=ROOM, max_steps=10 * MOST_STEPS, throw=False
         )
-        states = np.concatenate([sol.xs, sol.vs], axis=1)
+        stretches = stretches_of(sol, ts, system)
+        states = np.concatenate([sol.xs, 0 * stretches, sol.vs, stretches], axis=1)
         away = np.abs(states[1:] - states[0]).max(axis=1) / (np.abs(states[0]).max() + 1e-12)
         if not (away < NEARLY).any():
             continue
         n = 1 + int(np.argmax(away < NEARLY))
-        orbit = vx.periodic_orbit(
-            system, states[0, : shape.masses], states[0, shape.masses :], n, throw=False
-        )
+        orbit = vx.periodic_orbit(system, *np.split(states[0], 2), n, throw=False)
         if bool(orbit.is_admissible) and float(orbit.residual) < 1e-9:
             found[k] = orbit
     return found
@@ -77,10 +77,10 @@ def orbit_faults(shape: Shape, own: dict, orbit: vx.PeriodicOrbit) -> list[tuple
     """Names of the checks that an orbit fails, and by how much."""
     end = float(orbit.num_periods) * float(orbit.system.forcing.period)
     sol = vx.simulate(orbit.system, 0.0, end, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
-    start, last = (np.concatenate(pair) for pair in ((orbit.x0, orbit.v0), (sol.x1, sol.v1)))
+    start, last = np.concatenate([orbit.x0, orbit.v0]), _state(orbit.system, sol, end)
     multipliers = np.asarray(orbit.multipliers)
     largest = max(1.0, float(np.abs(multipliers).max()))
-    moved = np.concatenate([orbit.progression, np.zeros(shape.masses)])
+    moved = np.append(orbit.progression, np.zeros(len(start) - len(orbit.progression)))
     lack, size = np.abs(last - start - moved).max(), 1e-9 * largest * (np.abs(start).max() + 1e-3)
     found = [] if lack <= size else [("closing of an orbit", float(lack / size))]
     kinds = np.asarray(sol.events.kind[: int(sol.num_events)])
@@ -94,3 +94,9 @@ def orbit_faults(shape: Shape, own: dict, orbit: vx.PeriodicOrbit) -> list[tuple
     volume = np.exp(loss) * np.prod(r[np.asarray(sol.events.stop[: len(kinds)])] ** 2)
     error = abs(np.prod(multipliers) - volume) / (1e-8 * largest ** len(multipliers))
     return found if error <= 1 else [*found, ("product of the multipliers", float(error))]
+
+
+def _state(system: vx.ImpactSystem, sol: vx.Solution, t: float) -> np.ndarray:
+    """Positions and velocities at the end of a run, each with the coordinates of Jenkins elements."""
+    (stretches,) = stretches_of(sol, np.array([t]), system)
+    return np.concatenate([sol.x1, 0 * stretches, sol.v1, stretches])

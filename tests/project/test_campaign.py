@@ -22,7 +22,7 @@ def test_a_few_random_machines_obey_all_checks(is_symmetric):
 def test_what_is_done_is_not_played_again(tmp_path, monkeypatch, capsys):
     played = []
 
-    def play(number, machines, most_masses, families, sweeps, is_symmetric):
+    def play(number, machines, most_masses, families, sweeps, is_symmetric, degenerates):
         played.append(number)
         sums = {"machines": machines, "runs": 7, "compared": 1, "cpu_seconds": 0.0}
         if len(played) == 3:
