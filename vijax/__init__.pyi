@@ -74,6 +74,7 @@ from ._system.family import Family as Family
 from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
 from ._system.friction import Friction as Friction
+from ._system.parametric import Parametric as Parametric
 from ._system.restitution import (
     AbstractRestitution as AbstractRestitution,
     FallingRestitution as FallingRestitution,

@@ -24,11 +24,12 @@ from .checks import (
 )
 from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
-from .force import BoundForce, as_force, bind_args, name_of_force
+from .force import BoundForce, as_force, bind_args, name_of_force, parametric_of, with_parametric
 from .forcing import Harmonic
 from .friction import Friction
 from .load import AbstractLoad, LoadSum
 from .painleve import check_slip
+from .parametric import Parametric
 from .stop import Stop
 from .symmetry import Symmetry
 from .symmetry_search import symmetries_of
@@ -58,6 +59,7 @@ class ImpactSystem(eqx.Module):
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
         num_states: number of last coordinates of which the velocity alone counts: first-order states, such as a voltage,
             see `vx.with_states`. Their columns of K are zero, their positions are 0 in all results.
+        parametric: stiffness and damping that change periodically in time, a `vx.Parametric`.
 
     Raises:
         ValueError: with the argument and the remedy, for wrong shapes or values. Traced values are not checked.
@@ -93,6 +95,7 @@ class ImpactSystem(eqx.Module):
         force: Any = None,
         friction: Sequence[Friction] = (),
         num_states: int = 0,
+        parametric: Parametric | None = None,
     ):
         self.num_states = whole_number("num_states", num_states, 0)
         self.mass = as_float(mass, "mass")
@@ -102,7 +105,7 @@ class ImpactSystem(eqx.Module):
             raise ValueError(
                 f"Argument `mass` must have shape (n,) or (n, n), but has shape {self.mass.shape}."
             )
-        forcing = Harmonic(np.zeros(self.mass.shape[:1]), 0.0) if forcing is None else forcing
+        forcing, parametric = _load_and_terms(forcing, parametric, self.mass.shape[0])
         if isinstance(force, list | tuple):
             raise ValueError(
                 f"Argument `force`, behind `stops`, must be a function force(t, x, v, args), but is {force!r}: give friction by "
@@ -110,7 +113,7 @@ class ImpactSystem(eqx.Module):
             )
         _check_parts(forcing, stops, friction)
         self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
-        self.force = as_force(force)
+        self.force = with_parametric(as_force(force), parametric)
         self.friction = in_full_precision(tuple(friction))
 
     def __check_init__(self):
@@ -130,6 +133,7 @@ class ImpactSystem(eqx.Module):
                 )
         self._check_stops()
         self._check_friction()
+        self._check_parametric()
         self._check_values()
         if self.num_states:
             self._check_states()
@@ -156,6 +160,20 @@ class ImpactSystem(eqx.Module):
                 places[stop.slot] = j
         check_slots(self.stops)
         check_room(self.stops)
+
+    def _check_parametric(self):
+        terms = parametric_of(self.force)
+        if terms is None:
+            return
+        if terms.num_masses != self.num_masses:
+            raise ValueError(
+                f"Argument `parametric` has matrices of {terms.num_masses} masses, but the machine has {self.num_masses}."
+            )
+        if terms.frequency is None and self.forcing.why_not_periodic:
+            raise ValueError(
+                "Argument `parametric` has no `frequency`, and there is no load whose frequency it could have: give it one. "
+                f"{self.forcing.why_not_periodic}"
+            )
 
     def _check_friction(self):
         for k, element in enumerate(self.friction):
@@ -215,6 +233,15 @@ class ImpactSystem(eqx.Module):
     def is_state(self) -> np.ndarray:
         """Flags of the coordinates that are first-order states, (n,)."""
         return np.arange(self.num_masses) >= self.num_masses - self.num_states
+
+    @property
+    def parametric(self) -> Parametric | None:
+        """Stiffness and damping that change in time; None if there are none."""
+        terms = parametric_of(self.force)
+        if terms is None or terms.frequency is not None:
+            return terms
+        is_none = lambda leaf: leaf is None  # noqa: E731
+        return eqx.tree_at(lambda p: p.frequency, terms, self.forcing.clock, is_leaf=is_none)
 
     @property
     def has_full_mass(self) -> bool:
@@ -308,6 +335,25 @@ def machine_of(system: AnySystem) -> ImpactSystem:
     return system.bound_system if isinstance(system, AbstractFamily) else system
 
 
+def _load_and_terms(forcing: Any, parametric: Any, num_masses: int) -> tuple[AbstractLoad, Parametric | None]:
+    """The load, and the parametric terms; without a load, one of no amplitude has their frequency."""
+    if not isinstance(parametric, Parametric | None):
+        raise ValueError(f"Argument `parametric` must be a `vx.Parametric`, but is {parametric!r}.")
+    if forcing is not None:
+        return forcing, parametric
+    none, is_none = np.zeros(num_masses), lambda leaf: leaf is None
+    if parametric is None:
+        return Harmonic(none, 0.0), None
+    if parametric.frequency is None:
+        raise ValueError(
+            "Argument `parametric` has no `frequency`, and there is no load whose frequency it could have: give it one."
+        )
+    # One place for the frequency: a change there moves the forcing period as well.
+    return Harmonic(none, parametric.frequency), eqx.tree_at(
+        lambda p: p.frequency, parametric, None, is_leaf=is_none
+    )
+
+
 def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
     """Reject a `forcing` that is not a load, or `stops` or `friction` that are not lists of such."""
     if not isinstance(forcing, AbstractLoad):
@@ -370,7 +416,9 @@ def refuse_switching(who: str, system: ImpactSystem) -> None:
 def check_again(system: ImpactSystem) -> None:
     """Reject a machine whose numbers were replaced by invalid ones after it was built."""
     loads = system.forcing.loads if isinstance(system.forcing, LoadSum) else ()
-    for part in (system.forcing, *loads, *system.stops, *system.friction, system):
+    terms = parametric_of(system.force)
+    parts = () if terms is None else (terms,)
+    for part in (system.forcing, *loads, *system.stops, *system.friction, *parts, system):
         for kind in type(part).__mro__:  # as Equinox does at construction
             if "__check_init__" in vars(kind):
                 vars(kind)["__check_init__"](part)
