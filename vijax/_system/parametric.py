@@ -14,6 +14,10 @@ from jaxtyping import Array, Float, PyTree
 from .._jax.arrays import Numbers, as_float, in_full_precision
 from .._jax.concrete import concrete
 from .checks import check_finite
+from .forcing import Harmonic
+from .load import AbstractLoad
+
+_NO_FREQUENCY = "Argument `parametric` has no `frequency`, and there is no load whose frequency it could have: give it one."
 
 
 class Parametric(eqx.Module):
@@ -112,8 +116,12 @@ class Parametric(eqx.Module):
             if matrices is None:
                 continue
             harmonics = matrices if matrices.ndim == 3 else matrices[None]
-            for wave, matrix in zip(waves, harmonics, strict=False):
-                total = total - wave * (matrix @ moving)
+            own = list(zip(waves, harmonics, strict=False))
+            # The fewest products of two series: one for each harmonic and mass, or one for each entry of K(t).
+            if len(own) < self.num_masses:
+                total = total - sum(wave * (matrix @ moving) for wave, matrix in own)
+            else:
+                total = total - sum(wave * matrix for wave, matrix in own) @ moving
         return total
 
 
@@ -131,3 +139,35 @@ class ParametricForce(eqx.Module):
     def __call__(self, t: Array, x: Array, v: Array, args: PyTree) -> Array:
         own = self.parametric(t, x, v)
         return own if self.force is None else own + jnp.asarray(self.force(t, x, v, args), x.dtype)
+
+
+def load_and_terms(forcing: Any, parametric: Any, num_masses: int) -> tuple[AbstractLoad, Parametric | None]:
+    """The load, and the parametric terms; without a load, one of no amplitude has their frequency."""
+    if not isinstance(parametric, Parametric | None):
+        raise ValueError(f"Argument `parametric` must be a `vx.Parametric`, but is {parametric!r}.")
+    if forcing is not None:
+        return forcing, parametric
+    none, is_none = np.zeros(num_masses), lambda leaf: leaf is None
+    if parametric is None:
+        return Harmonic(none, 0.0), None
+    if parametric.frequency is None:
+        raise ValueError(_NO_FREQUENCY)
+    # One place for the frequency: a change there moves the forcing period as well.
+    return Harmonic(none, parametric.frequency), eqx.tree_at(
+        lambda p: p.frequency, parametric, None, is_leaf=is_none
+    )
+
+
+def check_terms(terms: Parametric | None, num_masses: int, forcing: AbstractLoad) -> None:
+    """Reject terms of another number of masses, or without a frequency that could be theirs."""
+    if terms is None:
+        return
+    if terms.num_masses != num_masses:
+        raise ValueError(
+            f"Argument `parametric` has matrices of {terms.num_masses} masses, but the machine has {num_masses}."
+        )
+    if terms.frequency is not None:
+        return
+    known = concrete(forcing.clock)
+    if forcing.why_not_periodic or (known is not None and not known.any()):
+        raise ValueError(f"{_NO_FREQUENCY} {forcing.why_not_periodic}".rstrip())

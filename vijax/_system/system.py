@@ -30,7 +30,7 @@ from .friction import Friction
 from .hysteresis import Jenkins, with_stretches
 from .load import AbstractLoad, LoadSum
 from .painleve import check_slip
-from .parametric import Parametric
+from .parametric import Parametric, check_terms, load_and_terms
 from .stop import Stop
 from .symmetry import Symmetry
 from .symmetry_search import symmetries_of
@@ -109,7 +109,7 @@ class ImpactSystem(eqx.Module):
             raise ValueError(
                 f"Argument `mass` must have shape (n,) or (n, n), but has shape {self.mass.shape}."
             )
-        forcing, parametric = _load_and_terms(forcing, parametric, self.mass.shape[0])
+        forcing, parametric = load_and_terms(forcing, parametric, self.mass.shape[0])
         if isinstance(force, list | tuple):
             raise ValueError(
                 f"Argument `force`, behind `stops`, must be a function force(t, x, v, args), but is {force!r}: give friction by "
@@ -145,7 +145,7 @@ class ImpactSystem(eqx.Module):
                 "Argument `hysteresis` is for machines without `force` and `parametric`: leave one of them out, or write the force as "
                 "matrices, stops and friction."
             )
-        self._check_parametric()
+        check_terms(parametric_of(self.force), n, self.forcing)
         self._check_values()
         if self.num_states:
             self._check_states()
@@ -172,20 +172,6 @@ class ImpactSystem(eqx.Module):
                 places[stop.slot] = j
         check_slots(self.stops)
         check_room(self.stops)
-
-    def _check_parametric(self):
-        terms = parametric_of(self.force)
-        if terms is None:
-            return
-        if terms.num_masses != self.num_masses:
-            raise ValueError(
-                f"Argument `parametric` has matrices of {terms.num_masses} masses, but the machine has {self.num_masses}."
-            )
-        if terms.frequency is None and self.forcing.why_not_periodic:
-            raise ValueError(
-                "Argument `parametric` has no `frequency`, and there is no load whose frequency it could have: give it one. "
-                f"{self.forcing.why_not_periodic}"
-            )
 
     def _check_rows(self, name: str, elements: Sequence[Any]):
         for k, element in enumerate(elements):
@@ -357,25 +343,6 @@ AnySystem = ImpactSystem | AbstractFamily
 def machine_of(system: AnySystem) -> ImpactSystem:
     """The machine itself, or that of a family at its values, whose force is bound."""
     return system.bound_system if isinstance(system, AbstractFamily) else system
-
-
-def _load_and_terms(forcing: Any, parametric: Any, num_masses: int) -> tuple[AbstractLoad, Parametric | None]:
-    """The load, and the parametric terms; without a load, one of no amplitude has their frequency."""
-    if not isinstance(parametric, Parametric | None):
-        raise ValueError(f"Argument `parametric` must be a `vx.Parametric`, but is {parametric!r}.")
-    if forcing is not None:
-        return forcing, parametric
-    none, is_none = np.zeros(num_masses), lambda leaf: leaf is None
-    if parametric is None:
-        return Harmonic(none, 0.0), None
-    if parametric.frequency is None:
-        raise ValueError(
-            "Argument `parametric` has no `frequency`, and there is no load whose frequency it could have: give it one."
-        )
-    # One place for the frequency: a change there moves the forcing period as well.
-    return Harmonic(none, parametric.frequency), eqx.tree_at(
-        lambda p: p.frequency, parametric, None, is_leaf=is_none
-    )
 
 
 def _check_parts(forcing: Any, stops: Any, friction: Any, hysteresis: Any) -> None:
