@@ -77,6 +77,7 @@ from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
 from ._system.friction import Friction as Friction
 from ._system.hysteresis import Jenkins as Jenkins
+from ._system.parametric import Parametric as Parametric
 from ._system.restitution import (
     AbstractRestitution as AbstractRestitution,
     FallingRestitution as FallingRestitution,

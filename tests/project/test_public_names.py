@@ -36,7 +36,7 @@ PUBLIC = {
         next_crossing next_impact periodic_orbit periodic_orbits plot power_spectrum Precompilation precompile random_load
         restitution_matrix saltation_matrix save sensitivity simulate sticking_region stroboscopic_map
         stroboscopic_section sweep switch_branch system_of
-        Tabulated Waveform tipping_probability uncertainty_exponent with_states
+        Parametric Tabulated Waveform tipping_probability uncertainty_exponent with_states
     """,
     "vijax.plot": """
         animate basins bifurcation branch curves erosion impact_map inset lyapunov machine manifolds multipliers

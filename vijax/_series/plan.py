@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 from typing import Any
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from .._lanes.graph import Node
 from .builder import Builder
 from .graph_of_force import is_known, ordered_nodes, scalars_of
 from .jacobian import derivatives
-from .operations import Linear, Operand, Operation, Product
+from .operations import Fixed, Integral, Linear, Operand, Operation, Product, Slope
 from .powers import ClosingPower, Power
 from .primitives import series_of
 from .switches import Switch
@@ -68,7 +69,30 @@ class Plan:
 
     def num_operations(self, order: int) -> int:
         """Estimate of the arithmetic operations of all coefficients below an order."""
-        return sum(operation.num_operations(k) for operation in self.operations for k in range(order))
+        degrees, count = self._degrees(), 0
+        for operation in self.operations:
+            shortest = inf
+            if isinstance(operation, Product | Integral):  # sums of products, as long as the shorter factor
+                shortest = min(0.0 if is_known(a) else degrees[a] for a in operation.args)
+            count += sum(operation.num_operations(int(min(k, shortest))) for k in range(order))
+        return count
+
+    def _degrees(self) -> dict[int, float]:
+        """Orders beyond which the coefficients of series are known to be zero."""
+        first = 1 + self.num_numbers
+        found = {0: 1.0, **dict.fromkeys(range(1, first), 0.0)}
+        found |= dict.fromkeys(range(first, first + 2 * self.num_masses), inf)
+        found |= {switch.mode: 0.0 for switch in self.switches}
+        for operation in self.operations:
+            own = [found.get(a, 0.0) for a in operation.args if not is_known(a)]
+            if isinstance(operation, Fixed):
+                degree = 0.0
+            elif isinstance(operation, Linear | Slope):
+                degree = max(own, default=0.0)
+            else:
+                degree = sum(own) if isinstance(operation, Product) else inf if any(own) else 0.0
+            found[operation.out] = degree
+        return found
 
     def numbers(self, force: Any) -> list[Array]:
         """Numbers of a force as scalars, one for each lane where they differ."""

@@ -22,7 +22,7 @@ from .._flow.taylor import TaylorFlow
 from .._system.description import build_from
 from .._system.family import Family
 from .._system.family_description import attributes_of_system, system_from
-from .._system.force import NamedForce
+from .._system.force import NamedForce, users_force
 from .._system.force_description import NAMED_FORCE
 from .._system.forces_by_path import Allowed
 from .._system.parameters import axis_names, force_parameters, is_of_force, is_parameter
@@ -217,7 +217,9 @@ def _swept_values(
         # Labels of a parameter's own dimension, `mass` for instance, are not values.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)
-    is_told = isinstance(base.system.force, NamedForce)  # its numbers are not leaves of the machine
+    is_told = isinstance(
+        users_force(base.system.force), NamedForce
+    )  # its numbers are not leaves of the machine
     return {
         path: values
         for path, values in found.items()

@@ -9,6 +9,7 @@ from jax.typing import DTypeLike
 
 from .compliant import LAW_OF_COMPLIANCE, CompliantContact, CompliantStop
 from .contact import Contact
+from .force import parametric_of, users_force
 from .force_description import build_force, describe_force
 from .forces_by_path import Allowed
 from .forcing import Harmonic
@@ -16,13 +17,15 @@ from .friction import Friction
 from .hysteresis import Jenkins
 from .load import AbstractLoad
 from .load_description import build_load, describe_load
+from .parametric import Parametric
 from .restitution import AbstractRestitution, describe_restitution, laws_by_name
 from .stop import Stop
 from .system import AnyStop, ImpactSystem
 from .tables import arrays_of, check_names, lists_of, one_array, table_of
 
 _ARRAYS = ("mass", "damping", "stiffness")
-_OPTIONAL = "stops", "friction", "hysteresis", "force", "args", "num_states"
+_OPTIONAL = "stops", "friction", "hysteresis", "force", "args", "num_states", "parametric"
+_OF_TERMS = "stiffness", "damping", "frequency", "phase"
 _OF_MOTION = "amplitude", "phase", "mean"
 _OF_LIMIT = "position", "restitution"
 # Numbers of friction, the one that it must have first.
@@ -38,7 +41,8 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
     """
     return {
         **{name: np.asarray(getattr(system, name)).tolist() for name in _ARRAYS},
-        **describe_force(system.force),
+        **describe_force(users_force(system.force)),
+        **_described_terms(system),
         "forcing": describe_load(system.forcing),
         "stops": [_place(stop) | {"position": float(stop.position)} | _law(stop) for stop in system.stops],
         **({"friction": [_rubbing(element) for element in system.friction]} if system.friction else {}),
@@ -78,7 +82,8 @@ def build(
     )
     own = build_force(description, allow_forces, force)
     num_states = description.get("num_states", 0)
-    elements = {"stops": stops, "friction": friction, "hysteresis": hysteresis}
+    terms = _terms(description.get("parametric"), dtype)
+    elements = {"stops": stops, "friction": friction, "hysteresis": hysteresis, "parametric": terms}
     system = ImpactSystem(**arrays, forcing=forcing, force=own, num_states=num_states, **elements)
     # Built in JAX's precision, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
@@ -96,6 +101,22 @@ def build_from(
         )
     name = "The attribute `system` of the dataset"
     return build(table_of(text, "JSON", name), dtype, allow_forces=allow_forces, force=force)
+
+
+def _described_terms(system: ImpactSystem) -> dict[str, Any]:
+    """Parametric terms; their frequency is left out where it is that of the load."""
+    terms = parametric_of(system.force)
+    if terms is None:
+        return {}
+    numbers = {name: getattr(terms, name) for name in _OF_TERMS}
+    return {"parametric": {name: np.asarray(a).tolist() for name, a in numbers.items() if a is not None}}
+
+
+def _terms(given: Any, dtype: DTypeLike) -> Parametric | None:
+    if given is None:
+        return None
+    check_names("`parametric`", given, (), _OF_TERMS)
+    return Parametric(**{name: one_array(f"parametric.{name}", a, dtype) for name, a in given.items()})
 
 
 def _place(stop: AnyStop) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .._jax.arrays import as_float
+from .parametric import Parametric, ParametricForce
 
 
 def as_force(force: Any) -> Callable | None:
@@ -50,6 +51,8 @@ def name_of_force(force: Callable) -> str:
     """Name of a force, with its structure but without its numbers."""
     if isinstance(force, NamedForce):
         return force.name
+    if isinstance(force, ParametricForce):
+        return "parametric terms" + ("" if force.force is None else f" and {name_of_force(force.force)}")
     if isinstance(force, BoundForce):
         args = "" if force.args is None else f" with args {eqx.tree_pformat(force.args, width=10**6)}"
         return name_of_force(force.force) + args
@@ -80,8 +83,38 @@ class BoundForce(eqx.Module):
         return jnp.asarray(self.force(t, x, v, self.args), x.dtype)
 
 
+def with_parametric(force: Callable | None, parametric: Parametric | None) -> Callable | None:
+    """Force with parametric terms beside it, in place of those that it has."""
+    if isinstance(force, BoundForce):
+        own = with_parametric(force.force, parametric)
+        return None if own is None else BoundForce(own, force.args)
+    own = force.force if isinstance(force, ParametricForce) else force
+    return own if parametric is None else ParametricForce(own, parametric)
+
+
+def users_force(force: Callable | None) -> Callable | None:
+    """Force without parametric terms; None if there is nothing else."""
+    return with_parametric(force, None)
+
+
+def parametric_of(force: Callable | None) -> Parametric | None:
+    """Parametric terms of a force, as they were given."""
+    own = force.force if isinstance(force, BoundForce) else force
+    return own.parametric if isinstance(own, ParametricForce) else None
+
+
+def acting_force(force: Callable | None, frequency: Any) -> Any:
+    """Force as it acts: parametric terms without a frequency have that of the load."""
+    terms = parametric_of(force)
+    if terms is None or terms.frequency is not None:
+        return force
+    is_none = lambda leaf: leaf is None  # noqa: E731
+    return with_parametric(force, eqx.tree_at(lambda p: p.frequency, terms, frequency, is_leaf=is_none))
+
+
 def force_numbers(force: Callable | None) -> tuple[PyTree, PyTree]:
     """Numbers of a force, and of its bound `args`, in trees whose keys are the user's names."""
+    force = users_force(force)
     own, args = (force.force, force.args) if isinstance(force, BoundForce) else (force, None)
     return own.numbers if isinstance(own, _Frozen) else own, args
 
@@ -106,6 +139,9 @@ def bind_args(force: Callable | None, args: PyTree, num_masses: int) -> BoundFor
     """
     if isinstance(force, BoundForce):
         force, args = force.force, force.args if args is None else args
+    if isinstance(force, ParametricForce):
+        own = bind_args(force.force, args, num_masses)
+        return BoundForce(force, None if own is None else own.args)
     if force is None:
         if args is not None:
             raise ValueError("Argument `args` is passed to `force`, but the machine has no `force`.")

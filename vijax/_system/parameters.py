@@ -185,7 +185,7 @@ def _named(whole: Any) -> PyTree:
     if not isinstance(whole, ImpactSystem):
         return _named(fields.pop("system")) | fields
     force, args = force_numbers(whole.force)
-    return fields | {"force": force, "args": args}
+    return fields | {"force": force, "args": args, "parametric": whole.parametric}
 
 
 def _system_of(whole: Any) -> Any:

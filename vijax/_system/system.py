@@ -24,12 +24,13 @@ from .checks import (
 )
 from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
-from .force import BoundForce, as_force, bind_args, name_of_force
+from .force import BoundForce, as_force, bind_args, name_of_force, parametric_of, with_parametric
 from .forcing import Harmonic
 from .friction import Friction
 from .hysteresis import Jenkins, with_stretches
 from .load import AbstractLoad, LoadSum
 from .painleve import check_slip
+from .parametric import Parametric, check_terms, load_and_terms
 from .stop import Stop
 from .symmetry import Symmetry
 from .symmetry_search import symmetries_of
@@ -57,9 +58,10 @@ class ImpactSystem(eqx.Module):
             `TaylorFlow`, or by `DiffraxFlow` where the force has no Taylor series. Stroboscopic maps and sweeps need a
             force that depends on t with the period of the load, or not at all.
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
-        hysteresis: any number of `vx.Jenkins`, not beside a `force`; event logs number them in this order after friction.
+        hysteresis: any number of `vx.Jenkins`, not beside a `force` or `parametric`; event logs number them in this order after friction.
         num_states: number of last coordinates of which the velocity alone counts: first-order states, such as a voltage,
             see `vx.with_states`. Their columns of K are zero, their positions are 0 in all results.
+        parametric: stiffness and damping that change periodically in time, a `vx.Parametric`.
 
     Raises:
         ValueError: with the argument and the remedy, for wrong shapes or values. Traced values are not checked.
@@ -97,6 +99,7 @@ class ImpactSystem(eqx.Module):
         friction: Sequence[Friction] = (),
         num_states: int = 0,
         hysteresis: Sequence[Jenkins] = (),
+        parametric: Parametric | None = None,
     ):
         self.num_states = whole_number("num_states", num_states, 0)
         self.mass = as_float(mass, "mass")
@@ -106,7 +109,7 @@ class ImpactSystem(eqx.Module):
             raise ValueError(
                 f"Argument `mass` must have shape (n,) or (n, n), but has shape {self.mass.shape}."
             )
-        forcing = Harmonic(np.zeros(self.mass.shape[:1]), 0.0) if forcing is None else forcing
+        forcing, parametric = load_and_terms(forcing, parametric, self.mass.shape[0])
         if isinstance(force, list | tuple):
             raise ValueError(
                 f"Argument `force`, behind `stops`, must be a function force(t, x, v, args), but is {force!r}: give friction by "
@@ -114,7 +117,7 @@ class ImpactSystem(eqx.Module):
             )
         _check_parts(forcing, stops, friction, hysteresis)
         self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
-        self.force = as_force(force)
+        self.force = with_parametric(as_force(force), parametric)
         self.friction = in_full_precision(tuple(friction))
         self.hysteresis = in_full_precision(tuple(hysteresis))
 
@@ -139,9 +142,10 @@ class ImpactSystem(eqx.Module):
         self._check_contacts_of_friction()
         if self.hysteresis and self.force is not None:
             raise ValueError(
-                "Argument `hysteresis` is for machines without `force`: leave one of them out, or write the force as matrices, "
-                "stops and friction."
+                "Argument `hysteresis` is for machines without `force` and `parametric`: leave one of them out, or write the force as "
+                "matrices, stops and friction."
             )
+        check_terms(parametric_of(self.force), n, self.forcing)
         self._check_values()
         if self.num_states:
             self._check_states()
@@ -239,6 +243,15 @@ class ImpactSystem(eqx.Module):
     def is_state(self) -> np.ndarray:
         """Flags of the coordinates that are first-order states, (n,)."""
         return np.arange(self.num_masses) >= self.num_masses - self.num_states
+
+    @property
+    def parametric(self) -> Parametric | None:
+        """Stiffness and damping that change in time; None if there are none."""
+        terms = parametric_of(self.force)
+        if terms is None or terms.frequency is not None:
+            return terms
+        is_none = lambda leaf: leaf is None  # noqa: E731
+        return eqx.tree_at(lambda p: p.frequency, terms, self.forcing.clock, is_leaf=is_none)
 
     @property
     def has_full_mass(self) -> bool:
@@ -398,7 +411,9 @@ def refuse_switching(who: str, system: ImpactSystem) -> None:
 def check_again(system: ImpactSystem) -> None:
     """Reject a machine whose numbers were replaced by invalid ones after it was built."""
     loads = system.forcing.loads if isinstance(system.forcing, LoadSum) else ()
-    for part in (system.forcing, *loads, *system.stops, *system.friction, *system.hysteresis, system):
+    terms = parametric_of(system.force)
+    parts = *system.stops, *system.friction, *system.hysteresis, *(() if terms is None else (terms,))
+    for part in (system.forcing, *loads, *parts, system):
         for kind in type(part).__mro__:  # as Equinox does at construction
             if "__check_init__" in vars(kind):
                 vars(kind)["__check_init__"](part)
