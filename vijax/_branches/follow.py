@@ -36,7 +36,14 @@ from .sequence_switching import (
     with_simulated_bounces,
 )
 from .steps import PlainSteps, Tried
-from .test_functions import TestFunction, crossings, kind_at, tests_of, without_echoes
+from .test_functions import (
+    TestFunction,
+    crossings,
+    kind_at,
+    stops_in_impacts,
+    tests_of,
+    without_echoes,
+)
 from .tolerances import (
     FALLING_RATE,
     ON_BOUND,
@@ -241,6 +248,7 @@ def _step(
     new = tried.point
     crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
     met = without_echoes(point.sequence, crossed)
+    met += stops_in_impacts(point.sequence, point.seen, new.seen)
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
     confirmed = None

@@ -17,11 +17,11 @@ from .behind_event import (
 )
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, End, is_followed
+from .point import BranchPoint, End, is_followed, predicted_point
 from .requests import Requests
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
-from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT
+from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT, TRIALS_AHEAD
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
@@ -33,6 +33,8 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
     if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
         return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+    if test.kind == Kind.IN_IMPACT:
+        return End(test.kind) if test.of_flight else (yield from _past_impact(event, test))
     together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
         new = yield from _with_impacts(event, together)
@@ -43,6 +45,16 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     if _stops_at_impact(event.sequence, test):
         return (yield from _with_other_slip(event, test.index))
     return (yield from _with_merged_events(event, test, together))
+
+
+def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
+    """Continue behind an impact in which friction begins or ceases to stick, with the same events."""
+    for ds in TRIALS_AHEAD:
+        new = yield from predicted_point(event, ds)
+        is_near = new.seen.found.is_converged and new.place.distance(event.place) < 10 * ds
+        if is_near and test.of(new.seen) < 0 and (yield from is_followed(new)):
+            return new
+    return End(test.kind)
 
 
 def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:

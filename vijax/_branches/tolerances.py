@@ -51,6 +51,8 @@ ON_CIRCLE = 1e-7
 LARGE_MULTIPLIER = 1e2
 # none: size of a function of multipliers, at both ends of a step, that is rounding, as without damping.
 ROUNDED_FUNCTION = 1e-10
+# share: speed of an impact, relative to the fastest, from which on what friction does within it is an event of the branch.
+GRIP_OF_BOUNCE = 1e-2
 # periods: time within which a guard vanishes at the event that cuts its flight off.
 CUT_AT_ONCE = 1e-9
 # periods: time from the beginning of a stick within which it touches a bound where it begins.
