@@ -26,6 +26,7 @@ from .point import (
     at_parameter,
     between,
     correct_with_free_parameter,
+    predicted_point,
 )
 from .requests import Requests, ask, simulation_from, simulation_of
 from .sequence_switching import (
@@ -46,6 +47,7 @@ from .test_functions import (
 )
 from .tolerances import (
     FALLING_RATE,
+    LEAST_COSINE,
     ON_BOUND,
     ON_EVENT,
     ORBIT_AT,
@@ -244,7 +246,7 @@ def _step(
     if tried is None:
         _, _, tried = yield from ask(PlainSteps(walk, point, point, ds, is_trial=True))
     if tried is None:
-        return None
+        return (yield from _step_to_corner(walk, point, ds))
     new = tried.point
     crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
     met = without_echoes(point.sequence, crossed)
@@ -269,6 +271,21 @@ def _step(
     if not is_whole and ds > SEPARATE_EVENTS:
         return None
     return Step(last, confirmed, event, special, tried.next_length)
+
+
+def _step_to_corner(walk: DirectedBranch, point: BranchPoint, ds: float) -> Requests[Step | End | None]:
+    """A step to where friction stops within an impact, from where the branch bends so that no step passes; None if there is none."""
+    if point.seen.watched.grip is None:
+        return None
+    new = yield from predicted_point(point, ds)
+    stops = stops_in_impacts(point.sequence, point.seen, new.seen) if new.seen.found.is_converged else []
+    if not stops or crossings(tests_of(point.sequence), point.seen, new.seen):
+        return None
+    first = yield from first_event(point, new, stops)
+    if isinstance(first, End) or first[0] is None or first[1].tangent.along(point.tangent) < LEAST_COSINE:
+        return None
+    specials = yield from special_points(walk, point, first[1])
+    return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
 
 
 def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:

@@ -17,11 +17,11 @@ from .behind_event import (
 )
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, End, is_followed, predicted_point
+from .point import BranchPoint, End, corrected, is_followed
 from .requests import Requests
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import TestFunction
-from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT, TRIALS_AHEAD
+from .tolerances import CORNER_NEAR, EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT, TRIALS_AHEAD
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
@@ -48,12 +48,19 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
 
 
 def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
-    """Continue behind an impact in which friction begins or ceases to stick, with the same events."""
-    for ds in TRIALS_AHEAD:
-        new = yield from predicted_point(event, ds)
-        is_near = new.seen.found.is_converged and new.place.distance(event.place) < 10 * ds
-        if is_near and test.of(new.seen) < 0 and (yield from is_followed(new)):
-            return new
+    """Continue behind an impact in which friction begins or ceases to stick, with the same events.
+
+    The branch has a corner there: behind it, it may go on or come back.
+    """
+    tangent, along = event.tangent, event.place.along(event.tangent)
+    for side in (1, -1):
+        for ds in TRIALS_AHEAD:
+            guess = event.place.moved(tangent, ds)
+            seen = yield from corrected(event.sequence, guess, tangent, along + side * ds)
+            new = BranchPoint.of(event.sequence, seen, event.arc + ds)
+            is_near = seen.found.is_converged and new.place.distance(event.place) < CORNER_NEAR * ds
+            if is_near and test.of(seen) < 0 and (yield from is_followed(new)):
+                return new if side > 0 else new.turned()
     return End(test.kind)
 
 

@@ -110,6 +110,8 @@ STEP_OFF = 1e-7, 1e-8, 1e-9, 1e-10
 STEP_OFF_LIGHT = 1e-4, 1e-5, 1e-6
 # cycle: lengths at which the machine is simulated where no step leads off.
 TRIALS_AHEAD = 1e-6, 1e-5, 1e-4, 1e-3
+# share: distance of the point behind a corner, relative to that of its plane: no branch bends nearer to a right angle.
+CORNER_NEAR = 20.0
 # periods: times by which new impacts at several stops come before their touch, and durations of new contacts.
 EARLIER_IMPACTS, NEW_CONTACTS = (1e-4, 1e-5, 1e-3), (1e-4, 1e-5, 1e-3)
 # share: size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one,

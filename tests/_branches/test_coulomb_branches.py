@@ -1,0 +1,146 @@
+"""Branches of machines with friction of contacts, against simulation, closed forms and differences."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+import vijax as vx
+
+# A program for each kind of machine takes a minute or two to compile.
+pytestmark = pytest.mark.slow
+FREQUENCY, COEFFICIENT = "forcing.frequency", "friction[0].coefficient"
+
+
+def block(
+    frequency: float = 0.65,
+    coefficient: float | jax.Array = 0.35,
+    *,
+    lift: float = 0.5,
+    push: float = 0.6,
+    restitution: float = 0.5,
+    springs: tuple[float, float] = (1.0, 0.0),
+    dampers: tuple[float, float] = (0.1, 0.0),
+) -> vx.ImpactSystem:
+    """A block on a floor, driven along it and across it: coordinate 0 along it, coordinate 1 its height."""
+    load = vx.Harmonic([push, lift], frequency, phase=[0.0, 0.9], mean=[0.0, -1.0])
+    floor = vx.Contact({1: -1.0}, 0.0, restitution=restitution)
+    rubbing = vx.Friction({0: 1.0}, coefficient=coefficient, contact=0)
+    return vx.ImpactSystem([1.0, 1.0], np.diag(dampers), np.diag(springs), load, [floor], friction=[rubbing])
+
+
+def bouncing(coefficient: float | jax.Array = 0.3, push: float = 0.6) -> vx.ImpactSystem:
+    """The block on springs, shaken so hard that it bounces once a period."""
+    return block(
+        1.5, coefficient, lift=3.0, push=push, restitution=0.9, springs=(1.0, 0.3), dampers=(0.1, 0.05)
+    )
+
+
+def settled(system: vx.ImpactSystem, periods: int = 300) -> vx.PeriodicOrbit:
+    sol = vx.simulate(system, 0.0, periods * system.forcing.period)
+    return vx.periodic_orbit(system, sol.x1, sol.v1)
+
+
+def followed_branch(orbit: vx.PeriodicOrbit, path: str, bounds: tuple[float, float]) -> vx.Branch:
+    branch = vx.continuation(orbit, path, bounds, progress=False)
+    assert branch.ends == ("bounds", "bounds")
+    assert bool(branch.points["is_admissible"].all())
+    return branch
+
+
+def counts(system: vx.ImpactSystem) -> tuple[int, ...]:
+    """Numbers of events of each kind in the last two of many periods of a run."""
+    period = system.forcing.period
+    sol = vx.simulate(system, 0.0, 60 * period, max_events=4096)
+    kinds = np.asarray(sol.events.kind)[np.asarray(sol.events.t) > 58 * period]
+    return tuple(int(np.count_nonzero(kinds == kind)) for kind in (vx.TURN, vx.STICK, vx.SLIP))
+
+
+@pytest.fixture(scope="module")
+def rubbing_orbit() -> vx.PeriodicOrbit:
+    return settled(block())
+
+
+@pytest.fixture(scope="module")
+def rubbing_branch(rubbing_orbit) -> vx.Branch:
+    return followed_branch(rubbing_orbit, FREQUENCY, (0.4, 1.4))
+
+
+def test_a_block_sticks_at_its_turns_on_one_side_of_each_point_and_not_on_the_other(rubbing_branch):
+    assert [point.kind for point in rubbing_branch.bifurcations] == ["crossing_sliding"] * 3
+    for point in rubbing_branch.bifurcations:
+        below, above = (counts(block(point.value + by)) for by in (-1e-5, 1e-5))
+        assert below != above
+        assert below[0] + below[1] == above[0] + above[1]  # a turn for a stick
+
+
+def test_multipliers_are_those_of_the_period_map_by_differences(rubbing_branch):
+    orbit = rubbing_branch.orbit(len(rubbing_branch) // 3)
+    system, size = orbit.system, 1e-6
+
+    def after(z: np.ndarray) -> np.ndarray:
+        sol = vx.simulate(system, 0.0, orbit.period, z[:2], z[2:])
+        return np.concatenate([sol.x1, sol.v1])
+
+    # Along the floor alone: across it the block is held.
+    start = np.concatenate([orbit.x0, orbit.v0])
+    ways = size * np.eye(4)[[0, 2]]
+    columns = [(after(start + way) - after(start - way)) / (2 * size) for way in ways]
+    expected = np.linalg.eigvals(np.stack(columns, axis=1)[[0, 2]])
+    found = np.asarray(orbit.multipliers)[:2]
+    np.testing.assert_allclose(np.sort(np.abs(found)), np.sort(np.abs(expected)), atol=1e-7)
+
+
+def test_lyapunov_exponents_are_logarithms_of_the_multipliers(rubbing_orbit):
+    orbit = rubbing_orbit
+    found = vx.lyapunov_exponents(
+        orbit.system, orbit.x0, orbit.v0, transient=5, num_periods=20, progress=False
+    )
+    largest = np.log(np.abs(orbit.multipliers[0])) / orbit.period
+    np.testing.assert_allclose(found[0], largest, rtol=1e-8)
+    assert np.all(np.isneginf(found[1:]))
+
+
+def test_the_onset_of_sticking_is_a_differentiable_function_of_the_coefficient(rubbing_branch):
+    point = rubbing_branch.bifurcations[1]
+    onset = lambda coefficient: vx.bifurcation_value(point, block(0.65, coefficient))  # noqa: E731
+    assert float(onset(0.35)) == pytest.approx(point.value, rel=1e-10)
+    step = 1e-5
+    difference = (onset(0.35 + step) - onset(0.35 - step)) / (2 * step)
+    assert float(jax.grad(onset)(0.35)) == pytest.approx(float(difference), rel=1e-7)
+
+
+def grip_left(system: vx.ImpactSystem, orbit: vx.PeriodicOrbit) -> float:
+    """What the impact leaves of the grip, from the simulated machine."""
+    sol = vx.simulate(system, 0.0, orbit.period, orbit.x0, orbit.v0)
+    (hit,) = np.flatnonzero(np.asarray(sol.events.kind) == vx.IMPACT)
+    normal, rubbed = (
+        abs(float(a[hit])) for a in (sol.events.impulse, sol.events.friction_impulse)
+    )
+    return float(system.friction[0].coefficient) * normal - rubbed
+
+
+@pytest.fixture(scope="module")
+def bouncing_branch() -> vx.Branch:
+    return followed_branch(settled(bouncing()), COEFFICIENT, (0.02, 0.8))
+
+
+def test_a_branch_names_where_friction_begins_to_stick_within_an_impact(bouncing_branch):
+    (point,) = bouncing_branch.bifurcations
+    assert point.kind == "crossing_sliding"
+    for by, sticks in ((-1e-4, False), (1e-4, True)):
+        system = bouncing(point.value + by)
+        orbit = vx.periodic_orbit(system, point.orbit.x0, point.orbit.v0)
+        assert (grip_left(system, orbit) > 1e-9) == sticks
+        # Friction that stops within the impact forgets its velocity.
+        assert (np.min(np.abs(orbit.multipliers)) < 1e-12) == sticks
+
+
+def test_the_stick_within_an_impact_is_a_differentiable_function_of_the_load(bouncing_branch):
+    (point,) = bouncing_branch.bifurcations
+    onset = lambda push: vx.bifurcation_value(point, bouncing(0.3, push))  # noqa: E731
+    assert float(onset(0.6)) == pytest.approx(point.value, rel=1e-10)
+    step = 1e-4
+    difference = (onset(0.6 + step) - onset(0.6 - step)) / (2 * step)
+    assert float(jax.grad(onset)(0.6)) == pytest.approx(float(difference), rel=1e-6)
