@@ -189,9 +189,9 @@ class AtGrip(AbstractCondition):
 
     def values(self, cycle, own):
         grip = residual(cycle.problem, cycle.unknowns).grip
-        is_own = (jnp.arange(len(grip)) == self.index)[:, None] & (
-            jnp.arange(grip.shape[1]) == self.element
-        )[None]
+        is_own = (jnp.arange(len(grip)) == self.index)[:, None] & (jnp.arange(grip.shape[1]) == self.element)[
+            None
+        ]
         return jnp.sum(jnp.where(is_own, grip, 0))[None]
 
 

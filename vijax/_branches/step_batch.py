@@ -84,7 +84,9 @@ class StepBatch:
         """Requests of all branches, those of the new ones last; None if there are none."""
         parts = [self.state] if self.members and self.state is not None else []
         if self.new:
-            requests, points, ds = zip(*(member.row(self.room, self.stock) for member in self.new), strict=True)
+            requests, points, ds = zip(
+                *(member.row(self.room, self.stock) for member in self.new), strict=True
+            )
             rows = (stacked(list(own)) for own in (requests, points))
             requests, points = (pack(own, has_rows=True) for own in rows)
             parts.append(_Rows(requests, points, np.array(ds)))
