@@ -140,3 +140,78 @@ def test_the_stick_within_an_impact_is_a_differentiable_function_of_the_load(bou
     step = 1e-4
     difference = (onset(0.6 + step) - onset(0.6 - step)) / (2 * step)
     assert float(jax.grad(onset)(0.6)) == pytest.approx(float(difference), rel=1e-6)
+
+
+def on_belt(velocity: float, coefficient: float = 0.2, static: float = 0.5) -> vx.ImpactSystem:
+    """A block of weight 1 on a spring and a belt: figure 5 of friction of contacts."""
+    weight = vx.Harmonic([0.0, 0.0], 0.0, mean=[0.0, -1.0])
+    floor = vx.Contact({1: -1.0}, 0.0, restitution=0.0)
+    rubbing = vx.Friction(
+        {0: 1.0}, coefficient=coefficient, static_coefficient=static, contact=0, velocity=velocity
+    )
+    none = np.zeros((2, 2))
+    return vx.ImpactSystem([1.0, 1.0], none, np.diag([1.0, 0.0]), weight, [floor], friction=[rubbing])
+
+
+def test_a_block_on_a_belt_has_the_period_of_its_slip_and_stick_along_a_branch():
+    orbit = vx.periodic_orbit(on_belt(0.3), [-1.0, 0.0], [0.0, 0.0])
+    branch = vx.continuation(orbit, "friction[0].velocity", (0.1, 1.0), progress=False)
+    assert branch.ends == ("bounds", "bounds")
+    periods = np.pi + 2 * np.arctan(branch.values / 0.3) + 2 * 0.3 / branch.values
+    np.testing.assert_allclose(branch.points["period"], periods, rtol=1e-13)
+
+
+def test_a_block_on_a_belt_in_one_way_flutters_where_springs_couple_its_modes():
+    # Figure 6 of friction of contacts, with damping c: eigenvalues of K are w^2 -+ i c w at the onset.
+    angles, springs, contact, damping = np.deg2rad([150.0, 30.0]), [11.0, 20.0], 12.0, 0.1
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    stiffness = np.einsum("i,ij,ik->jk", springs, ways, ways)
+    (kx, coupling), (_, ky) = stiffness
+    difference = kx - ky - contact
+    onset = (difference**2 + 4 * coupling**2 + 2 * damping**2 * (kx + ky + contact)) / (
+        4 * coupling * contact
+    )
+
+    load = vx.Harmonic([0.02, 0.0], 3.0, mean=[0.0, -10.0])
+    floor = vx.CompliantContact({1: -1.0}, 0.0, contact)
+    brakes = [
+        vx.ImpactSystem(
+            [1.0, 1.0],
+            damping * np.eye(2),
+            stiffness,
+            load,
+            [floor],
+            friction=[vx.Friction({0: 1.0}, coefficient=0.36, contact=0, velocity=velocity)],
+        )
+        for velocity in (50.0, -50.0)
+    ]
+    kinds = []
+    for brake in brakes:
+        rest = np.linalg.solve(stiffness, [0.0, -10.0])
+        orbit = vx.periodic_orbit(brake, rest, [0.0, 0.0])
+        branch = vx.continuation(orbit, COEFFICIENT, (0.3, 0.45), progress=False)
+        kinds.append([point.kind for point in branch.bifurcations])
+        if kinds[-1]:
+            assert branch.bifurcations[0].value == pytest.approx(onset, rel=1e-9)
+    assert sorted(kinds) == [[], ["ns"]]
+
+
+def test_the_woodpecker_has_the_published_cycle_and_a_branch_in_the_restitution_of_its_beak():
+    start = [0.0, -0.1034, -0.2788], [-0.3411, 0.0, -7.4583]
+    toy = vx.models.woodpecker()
+    sol = vx.simulate(toy, 0.0, 6.0, *start, max_events=2048)
+    orbit = vx.periodic_orbit(toy, sol.x1, sol.v1)
+    assert float(orbit.period) == pytest.approx(0.145976065144, rel=1e-11)
+    np.testing.assert_allclose(orbit.progression, [-0.019445379, 0.0, 0.0], atol=1e-8)
+    # The multipliers along the cycle and down the pole are 1; the slope of the map of falls is the third.
+    np.testing.assert_allclose(orbit.multipliers[:3], [1.0, 1.0, -0.839156], atol=1e-6)
+    assert bool(orbit.is_stable)
+    branch = vx.continuation(orbit, "stops[0].restitution", (0.46, 0.62), progress=False)
+    assert branch.ends == ("bounds", "bounds")
+    for k in (0, len(branch) - 1):
+        fall = vx.simulate(
+            vx.models.woodpecker(restitution=branch.values[k]), 0.0, 12.0, *start, max_events=4096
+        )
+        is_beat = (np.asarray(fall.events.stop) == 0) & (np.asarray(fall.events.kind) == vx.IMPACT)
+        beats = np.asarray(fall.events.t)[is_beat]
+        assert beats[-1] - beats[-2] == pytest.approx(float(branch.points["period"][k]), rel=1e-6)

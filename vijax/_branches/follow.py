@@ -40,12 +40,14 @@ from .steps import PlainSteps, Tried
 from .test_functions import (
     TestFunction,
     crossings,
+    grips,
     kind_at,
     stops_in_impacts,
     tests_of,
     without_echoes,
 )
 from .tolerances import (
+    AT_CORNER,
     FALLING_RATE,
     LEAST_COSINE,
     ON_BOUND,
@@ -200,11 +202,13 @@ def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requ
 
 def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     """The end of the branch where no step is short enough."""
-    if 0 < shortest_stick(point) < VANISHING_STICK:
-        # Sticks vanish faster than they shorten: the rest of the way is rounding.
+    # Sticks vanish faster than they shorten: the rest of the way is rounding.
+    is_stick = 0 < shortest_stick(point) < VANISHING_STICK
+    if is_stick or _is_at_corner(point):
+        kind = Kind.CHATTER_COMPLETION if is_stick else Kind.IN_IMPACT
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
-        return End(Kind.CHATTER_COMPLETION, point._replace(kind=Kind.CHATTER_COMPLETION))
+        return End(public_kind(kind), point._replace(kind=kind))
     limit = yield from _end_at_cascade_limit(walk, FEW)
     if limit is not None:
         return limit
@@ -212,6 +216,12 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     is_alone = bool(walk.cascade) or point.sequence.is_switching
     grazing = None if is_alone else (yield from grazing_of_shorter_cycle(point))
     return End(EndKind.LEFT_THE_STOPS) if grazing is None else End(Kind.GRAZING, grazing)
+
+
+def _is_at_corner(point: BranchPoint) -> bool:
+    """True if friction just stops within an impact: the branch turns back so sharply that no step leads there."""
+    left = np.abs(grips(point.sequence, point.seen))
+    return bool(np.nanmin(left, initial=np.inf) < AT_CORNER * np.nanmax(left, initial=0))
 
 
 class Confirmed(NamedTuple):
