@@ -145,3 +145,17 @@ def test_where_no_choice_agrees_with_the_laws_the_result_tells_so():
     assert stopped.result == vx.RESULTS.friction_paradox
     np.testing.assert_array_equal(stopped.x1, np.zeros(3))
     assert sound.result == vx.RESULTS.successful
+
+
+@_with_program
+def test_a_bouncing_ball_with_spin_rolls_at_last():
+    # Of Siconos: radius .5, restitution .9, coefficient .1, spin 2; it rolls with 2/7 and 4/7.
+    floor = vx.Stop(mass=1, position=0.5, side="lower", restitution=0.9)
+    rubbing = vx.Friction({0: 1.0, 2: -0.5}, coefficient=0.1)
+    weight = vx.Harmonic([0.0] * 3, 1.0, mean=[0.0, -9.81, 0.0])
+    none = np.zeros((3, 3))
+    ball = vx.ImpactSystem([1.0, 1.0, 0.1], none, none, weight, [floor], friction=[rubbing])
+    sol = vx.simulate(ball, 0.0, 10.0, [0.0, 1.0, 0.0], [0.0, 0.0, 2.0])
+    np.testing.assert_allclose(_times(sol, 0, vx.STICK), [6.066233140], atol=1e-9)
+    np.testing.assert_allclose(np.asarray(sol.v1)[[0, 2]], [2 / 7, 4 / 7], rtol=1e-12)
+    np.testing.assert_allclose(sol.x1[0], 2.765921306, atol=1e-9)

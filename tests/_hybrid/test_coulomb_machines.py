@@ -112,11 +112,3 @@ def test_orbits_are_found_with_the_multipliers_of_their_map(lift):
     np.testing.assert_allclose(orbit.x0, settled.x1, atol=1e-12)
     expected = np.linalg.eigvals(vx.monodromy_matrix(system, orbit.x0, orbit.v0))
     np.testing.assert_allclose(np.sort(np.abs(orbit.multipliers)), np.sort(np.abs(expected)), atol=1e-10)
-
-
-def test_branches_are_refused():
-    system = _shaken(0.3, lift=0.9)
-    settled = vx.simulate(system, 0.0, 300 * system.forcing.period)
-    orbit = vx.periodic_orbit(system, settled.x1, settled.v1)
-    with pytest.raises(ValueError, match="friction of contacts are not followed yet"):
-        vx.continuation(orbit, "friction[0].coefficient", bounds=(0.2, 0.4))

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
-from .._hybrid.guards import select_active
+from .._hybrid.guards import is_idle, select_active
 from .._hybrid.limits import FORCE, GAP, IMPACT, OPEN
 from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of, is_any
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
-from .._machine.state import AHEAD, BEHIND, CLOSED, KEPT, STICKING
+from .._machine.state import AHEAD, BEHIND, CLOSED, FREE, KEPT, STICKING
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
 from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effective, held_in
 from .._trajectory.batched import row_of_lane
@@ -51,6 +51,8 @@ class LeastMargins(NamedTuple):
         rise_flight: the number of the flight that this impact begins, (stops,).
         is_plastic: whether impacts have no rebound, (stops,).
         last: duration of the flight after the last event, in forcing periods.
+        grip: what each impact leaves of the grip of friction that it brings to rest, see `SwitchedEnd`, (events, stops); None
+            without friction of contacts.
     """
 
     gap: Float[Array, " stops"]
@@ -63,6 +65,7 @@ class LeastMargins(NamedTuple):
     rise_flight: Int[Array, " stops"]
     is_plastic: Bool[Array, " stops"]
     last: Scalar
+    grip: Any = None
 
     def touch_of(self, stop: int) -> tuple[int, float]:
         """Flight and time of the least gap of a stop, both concrete."""
@@ -187,7 +190,13 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
         begins: moments at which its flights begin, see `traverse`, if they are known.
     """
     course = course_of(problem, unknowns, begins)
-    return least_margins(course, partial(read, problem.machine, problem.flow))
+    found = least_margins(course, partial(read, problem.machine, problem.flow))
+    return found._replace(grip=grip_of_events(course.begins))
+
+
+def grip_of_events(begins: Moment) -> Any:
+    """`grip` of `LeastMargins`, from the moments at which flights begin."""
+    return None if begins.grip is None else begins.grip[1:]
 
 
 def least_margins(course: Course, reading: Reading) -> LeastMargins:
@@ -269,8 +278,10 @@ def _with_cut_guards(
     kind, stop, duration = _of_flight((sequence.kind, sequence.stop, course.flights), last)
     is_cut = is_first & (k > 0) & (duration > 0)
     mode, following = (_of_flight(sequence.mode, flight) for flight in (last, k))
+    # Friction of a contact begins and ends with that.
     slid, slides = (
-        _of_guards(sequence, (a == AHEAD) | (a == BEHIND)) & (kind == IMPACT) for a in (mode, following)
+        _of_guards(sequence, ((a == AHEAD) | (a == BEHIND)) & ((kind == IMPACT) | (other == FREE)))
+        for a, other in ((mode, following), (following, mode))
     )
     opens = (_numbers(mode) == stop) & (mode == CLOSED)
     by_second = kind == OPEN + SECOND
@@ -415,6 +426,8 @@ def read(machine: Machine, flow: AbstractFlow, begin: Moment, mode: Array, since
     if machine.contacts.is_switching:
         of = lambda limit: limit.derivatives(machine, state, hold, now)[:_OF_FORCE]  # noqa: E731
         guards = [a * machine.period**order for order, a in enumerate(select_active(machine, state, of))]
+        if machine.has_tied_friction:  # which has no guard while its contact is open
+            guards = [jnp.where(is_idle(state), order == 0, a) for order, a in enumerate(guards)]
         return _GapsAndForces(guards, guards)
     in_periods = lambda limit: [  # noqa: E731
         a * machine.period**order for order, a in enumerate(limit.derivatives(machine, state, hold, now))

@@ -21,9 +21,10 @@ _WORTH_IT, _CHEAPER = 512, 32
 
 
 class Stock:
-    """Stacked families of one tree structure and shapes; several tasks may share one."""
+    """Stacked families of one tree structure and shapes; several tasks may share one. `has_grip` with friction of contacts."""
 
     def __init__(self, families: dict[int, ParameterFamily]):
+        self.has_grip = any(family.has_tied_friction for family in families.values())
         own = {id(family): family for family in families.values()}
         self.rows = pack(stacked(list(own.values())), has_rows=True)
         rows = {one: row for row, one in enumerate(own)}

@@ -5,7 +5,15 @@ import numpy as np
 from .._hybrid.limits import CLOSE, IMPACT, RELEASE, SLIP
 from .._orbits.sequence import SECOND, Sequence
 from .branch import Bifurcation, cycle_of
-from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, AtTurn, DefiningSystem
+from .defining_systems import (
+    AbstractCondition,
+    AtBranchPoint,
+    AtEvent,
+    AtGrip,
+    AtMultiplier,
+    AtTurn,
+    DefiningSystem,
+)
 from .kernels import CorrectedCycle, padded, room_for
 from .kinds import MONITOR, Kind
 from .parameter_family import ExtendedCycle, ParameterFamily
@@ -14,7 +22,7 @@ from .scheduler import drive
 from .sequence_edits import with_event, with_events_merged
 from .starts import Start, family_of, starting_orbits
 from .switching_changes import later_of_meeting
-from .test_functions import TestFunction, kind_at, tests_of
+from .test_functions import TestFunction, grips, kind_at, tests_of
 from .tolerances import AT_BIFURCATION, NO_DURATION, NO_SPEED
 
 _NO_SYSTEM: dict[str, str] = {
@@ -79,6 +87,10 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
 def _at_event(
     family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[AbstractCondition, Sequence, ExtendedCycle]:
+    if kind == Kind.CROSSING_SLIDING and family.has_tied_friction:
+        condition = _at_grip(family, sequence, place)
+        if condition is not None:
+            return condition, sequence, place
     if sequence.is_switching:
         sequence, place, k, is_tangent = _with_switching_event(family, kind, sequence, place)
         if kind == Kind.CROSSING_SLIDING:
@@ -86,6 +98,21 @@ def _at_event(
     else:
         sequence, place, k, is_tangent = with_bifurcation_event(family, kind, sequence, place)
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
+
+
+def _at_grip(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> AtGrip | None:
+    """Condition that friction just stops within an impact; None unless it does."""
+    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
+    left = np.abs(grips(sequence, seen))
+    others = [
+        abs(test.of(seen))
+        for test in tests_of(sequence)
+        if kind_at(test, sequence, seen) == Kind.CROSSING_SLIDING
+    ]
+    if np.isnan(left).all() or np.nanmin(left) > min(others, default=np.inf):
+        return None
+    k, j = divmod(int(np.nanargmin(left)), sequence.mode.shape[1])
+    return AtGrip(np.zeros(0), np.asarray(k), np.asarray(j))
 
 
 def with_bifurcation_event(

@@ -12,7 +12,7 @@ from .._progress import tqdm
 from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
-from .defining_systems import AtEvent, AtTurn, DefiningSystem, Plane
+from .defining_systems import AtEvent, AtGrip, AtTurn, DefiningSystem, Plane
 from .kernels import padded, trimmed
 from .kinds import EndKind
 from .parameter_family import ExtendedCycle
@@ -226,7 +226,7 @@ def _in_section(here: CurveState) -> CurveState:
     z = _answer(here, location_on(sequence, place, 0.0 if by > 0 else num_periods)).z
     sequence, place = shifted(sequence, place, by, num_periods, np.asarray(z))
     condition = replace(here.defining.condition, own=here.at.own)
-    if isinstance(condition, AtEvent | AtTurn):
+    if isinstance(condition, AtEvent | AtTurn | AtGrip):
         condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
     (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
     moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)

@@ -5,7 +5,7 @@ The equations of a cycle, see `cycle.py`, with the parameter as one more unknown
     fold, period doubling, Neimark-Sacker    Z - e^{i theta} N is singular; theta is one more unknown
     grazing, a force that touches zero       the value that defines the event, a gap or a force, has zero rate
     double impact                            the flight between both impacts has zero duration
-    crossing-sliding                         friction would stick where it turns
+    crossing-sliding                         friction would stick where it turns, or just stops within an impact
     branch point                             Z - N, with the derivative by the parameter as a column, is singular
 
 (Z, N) is the pencil of the neighbours, see `condensation.py`: nothing is divided by the speed of an impact. A matrix A
@@ -169,6 +169,30 @@ class AtTurn(AbstractCondition):
     def values(self, cycle, own):
         speed = residual(cycle.problem, cycle.unknowns).speed
         return jnp.sum(jnp.where(jnp.arange(len(speed)) == self.index, speed, 0))[None]
+
+
+class AtGrip(AbstractCondition):
+    """Condition that friction of a contact just stops within an impact, see `grip` of `SwitchedEnd`.
+
+    Attributes:
+        own: empty, (0,).
+        index: number of the impact.
+        element: number of the friction element, behind the stops.
+    """
+
+    own: Reals
+    index: Reals
+    element: Reals
+
+    def begun(self, cycle):
+        return self
+
+    def values(self, cycle, own):
+        grip = residual(cycle.problem, cycle.unknowns).grip
+        is_own = (jnp.arange(len(grip)) == self.index)[:, None] & (jnp.arange(grip.shape[1]) == self.element)[
+            None
+        ]
+        return jnp.sum(jnp.where(is_own, grip, 0))[None]
 
 
 def _singular(cycle: TrialCycle, theta: Scalar) -> Complex[Array, "state state"]:

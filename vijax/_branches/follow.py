@@ -26,6 +26,7 @@ from .point import (
     at_parameter,
     between,
     correct_with_free_parameter,
+    predicted_point,
 )
 from .requests import Requests, ask, simulation_from, simulation_of
 from .sequence_switching import (
@@ -36,9 +37,19 @@ from .sequence_switching import (
     with_simulated_bounces,
 )
 from .steps import PlainSteps, Tried
-from .test_functions import TestFunction, crossings, kind_at, tests_of, without_echoes
+from .test_functions import (
+    TestFunction,
+    crossings,
+    grips,
+    kind_at,
+    stops_in_impacts,
+    tests_of,
+    without_echoes,
+)
 from .tolerances import (
+    AT_CORNER,
     FALLING_RATE,
+    LEAST_COSINE,
     ON_BOUND,
     ON_EVENT,
     ORBIT_AT,
@@ -191,11 +202,13 @@ def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requ
 
 def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     """The end of the branch where no step is short enough."""
-    if 0 < shortest_stick(point) < VANISHING_STICK:
-        # Sticks vanish faster than they shorten: the rest of the way is rounding.
+    # Sticks vanish faster than they shorten: the rest of the way is rounding.
+    is_stick = 0 < shortest_stick(point) < VANISHING_STICK
+    if is_stick or _is_at_corner(point):
+        kind = Kind.CHATTER_COMPLETION if is_stick else Kind.IN_IMPACT
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
-        return End(Kind.CHATTER_COMPLETION, point._replace(kind=Kind.CHATTER_COMPLETION))
+        return End(public_kind(kind), point._replace(kind=kind))
     limit = yield from _end_at_cascade_limit(walk, FEW)
     if limit is not None:
         return limit
@@ -203,6 +216,12 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     is_alone = bool(walk.cascade) or point.sequence.is_switching
     grazing = None if is_alone else (yield from grazing_of_shorter_cycle(point))
     return End(EndKind.LEFT_THE_STOPS) if grazing is None else End(Kind.GRAZING, grazing)
+
+
+def _is_at_corner(point: BranchPoint) -> bool:
+    """True if friction just stops within an impact: the branch turns back so sharply that no step leads there."""
+    left = np.abs(grips(point.sequence, point.seen))
+    return bool(np.nanmin(left, initial=np.inf) < AT_CORNER * np.nanmax(left, initial=0))
 
 
 class Confirmed(NamedTuple):
@@ -237,10 +256,11 @@ def _step(
     if tried is None:
         _, _, tried = yield from ask(PlainSteps(walk, point, point, ds, is_trial=True))
     if tried is None:
-        return None
+        return (yield from _step_to_corner(walk, point, ds))
     new = tried.point
     crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
     met = without_echoes(point.sequence, crossed)
+    met += stops_in_impacts(point.sequence, point.seen, new.seen)
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
     confirmed = None
@@ -261,6 +281,21 @@ def _step(
     if not is_whole and ds > SEPARATE_EVENTS:
         return None
     return Step(last, confirmed, event, special, tried.next_length)
+
+
+def _step_to_corner(walk: DirectedBranch, point: BranchPoint, ds: float) -> Requests[Step | End | None]:
+    """A step to where friction stops within an impact, from where the branch bends so that no step passes; None if there is none."""
+    if point.seen.watched.grip is None:
+        return None
+    new = yield from predicted_point(point, ds)
+    stops = stops_in_impacts(point.sequence, point.seen, new.seen) if new.seen.found.is_converged else []
+    if not stops or crossings(tests_of(point.sequence), point.seen, new.seen):
+        return None
+    first = yield from first_event(point, new, stops)
+    if isinstance(first, End) or first[0] is None or first[1].tangent.along(point.tangent) < LEAST_COSINE:
+        return None
+    specials = yield from special_points(walk, point, first[1])
+    return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
 
 
 def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:

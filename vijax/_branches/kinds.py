@@ -50,6 +50,8 @@ class Kind(StrEnum):
     SWITCHING_SLIDING = "switching_sliding", "switching-sliding", False
     ADDING_SLIDING = "adding_sliding", "adding-sliding", False
     CHATTER_COMPLETION = "chatter_completion", "chatter completion", False
+    # Crossing-sliding within an impact: friction of the contact begins to stick there, or to slip.
+    IN_IMPACT = "in_impact", "crossing-sliding", False
     # Grazing, seen from one side only: a gap touches zero.
     TOUCH = "touch", "grazing", False
     # Chatter completion, seen from one side only: a stick begins.
@@ -66,6 +68,7 @@ class Kind(StrEnum):
 _SHOWN: dict[str, str] = {
     Kind.TOUCH: Kind.GRAZING,
     Kind.ONSET: Kind.CHATTER_COMPLETION,
+    Kind.IN_IMPACT: Kind.CROSSING_SLIDING,
     # At the end of a doubled branch, the branch of half the period, traversed twice, crosses it.
     Kind.HALF_PERIOD: Kind.BRANCH_POINT,
 }

@@ -17,7 +17,7 @@ from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import all_shifts
 from .._orbits.sequence import Sequence, num_erased
 from .._system.parameters import machine_at, set_parameter
-from .._system.system import AnySystem, ImpactSystem
+from .._system.system import AnySystem, ImpactSystem, machine_of
 
 
 class ExtendedCycle(NamedTuple):
@@ -92,6 +92,11 @@ class ParameterFamily(eqx.Module):
             return machine_at(self.system, self.path, p * self.span)
         first, second = p * self.span
         return machine_at(set_parameter(self.system, self.path, first), self.second, second)
+
+    @property
+    def has_tied_friction(self) -> bool:
+        """True if there is friction of contacts."""
+        return any(element.is_tied for element in machine_of(self.system).friction)
 
     @property
     def last_phase(self) -> float:

@@ -71,9 +71,7 @@ class Start(NamedTuple):
 def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
     """Starts of all orbits of a list, or of a dataset from `vx.periodic_orbits`."""
     if isinstance(source, xr.Dataset):
-        starts = list(_of_dataset(source))
-        _refuse_friction_of_contacts(start.system for start in starts)
-        return starts
+        return list(_of_dataset(source))
     given = [source] if isinstance(source, PeriodicOrbit) else source
     orbits: list[Any] = [*given] if isinstance(given, Iterable) else [None]
     if not all(isinstance(one, PeriodicOrbit) for one in orbits):
@@ -81,7 +79,6 @@ def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) ->
             "Argument `orbit` must be a periodic orbit, a list of such, or what `vx.periodic_orbits` returned, but is a "
             f"{type(source).__name__}."
         )
-    _refuse_friction_of_contacts(orbit.system for orbit in orbits)
     if is_traced(orbits):
         raise ValueError("Branches need known numbers: call this outside of `jax.jit` and `jax.vmap`.")
     return [
@@ -166,15 +163,6 @@ def value_of(system: AnySystem, path: str) -> float:
             f"The path `{path}` names an array of shape {values.shape}: name one number in it, as in `{path}[0]`."
         )
     return float(values)
-
-
-def _refuse_friction_of_contacts(systems: Iterable[AnySystem]) -> None:
-    for system in systems:
-        if any(element.is_tied for element in system.friction):
-            raise ValueError(
-                "Branches of machines with friction of contacts are not followed yet: find their orbits one by one, `vx.periodic_orbit` "
-                "with the parameter at each value."
-            )
 
 
 def families_of(

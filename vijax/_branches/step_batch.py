@@ -1,5 +1,6 @@
 """Steps of many branches in one batch: their requests as rows of arrays, and the points of the steps that were taken."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,7 +84,9 @@ class StepBatch:
         """Requests of all branches, those of the new ones last; None if there are none."""
         parts = [self.state] if self.members and self.state is not None else []
         if self.new:
-            requests, points, ds = zip(*(member.row(self.room) for member in self.new), strict=True)
+            requests, points, ds = zip(
+                *(member.row(self.room, self.stock) for member in self.new), strict=True
+            )
             rows = (stacked(list(own)) for own in (requests, points))
             requests, points = (pack(own, has_rows=True) for own in rows)
             parts.append(_Rows(requests, points, np.array(ds)))
@@ -122,14 +125,15 @@ class _Part(NamedTuple):
         """True for a simulation."""
         return self.request.program is simulate_motion
 
-    def row(self, room: int) -> tuple[StepRequest, CorrectedCycle, float]:
+    def row(self, room: int, stock: Stock) -> tuple[StepRequest, CorrectedCycle, float]:
         """The request, its cycle and the length of a step."""
+        blank = partial(blank_cycle, has_grip=stock.has_grip)
         sequence, place, *rest = padded(self.request.sequence, self.request.arguments, room)
         if self.simulates:
             own = _request(sequence, place)._replace(start=rest[0], simulates=np.asarray(True))
-            return own, blank_cycle(sequence, place, place), np.nan
+            return own, blank(sequence, place, place), np.nan
         weights, target = rest
-        return _request(sequence, place)._replace(target=target), blank_cycle(sequence, place, weights), 0.0
+        return _request(sequence, place)._replace(target=target), blank(sequence, place, weights), 0.0
 
     def most_steps(self, tries: int, num: int) -> int:
         """Most plain steps that it may take: none."""
@@ -161,8 +165,9 @@ class _Stepper:
         self.task, self.request = task, request
         self.point: BranchPoint | PlainPoint = request.point
 
-    def row(self, room: int) -> tuple[StepRequest, CorrectedCycle, float]:
+    def row(self, room: int, stock: Stock) -> tuple[StepRequest, CorrectedCycle, float]:
         """The request, the point and the length of its first step."""
+        del stock
         walk, start, point = self.request.walk, self.request.start, self.request.point
         sequence, place = padded(point.sequence, (point.place,), room)
         one, other = start.sequence, point.sequence

@@ -256,8 +256,10 @@ def _widened(sequences: Sequence, room: int) -> Sequence:
     )
 
 
-def blank_cycle(sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle) -> CorrectedCycle:
-    """A cycle of which nothing is known but the weights of its correction."""
+def blank_cycle(
+    sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle, *, has_grip: bool
+) -> CorrectedCycle:
+    """A cycle of which nothing is known but the weights of its correction; `has_grip` with friction of contacts."""
     dtype, size, num = np.asarray(place.z).dtype, len(place.z), sequence.mode.shape[1]
 
     def zeros(*shape: int, like: Any = dtype) -> Any:
@@ -270,6 +272,7 @@ def blank_cycle(sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle
         place, weights, multipliers, events, zeros(), zeros(), zeros(like=int), zeros(like=bool)
     )
     is_plastic = zeros(num, like=bool)
-    watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros())
+    grip = zeros(len(place.flights), num) if has_grip else None
+    watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros(), grip)
     margins, past = Margins(events, none, none, none), zeros(PAST) + np.nan
     return CorrectedCycle(found, watched, margins, zeros(size), past)

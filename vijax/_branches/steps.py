@@ -18,7 +18,7 @@ from .kernels import CorrectedCycle, SimulatedMotion
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch
 from .requests import Request
-from .test_functions import is_crossed, margins, num_unstable, of_neighbours, test_slopes
+from .test_functions import grips, is_crossed, margins, num_unstable, of_neighbours, test_slopes
 from .tolerances import (
     FIRST_STEP,
     LEAST_COSINE,
@@ -88,6 +88,7 @@ class StepState(NamedTuple):
         margins: values of the test functions of the sequence, (tests,).
         slopes: derivatives of these along the branch.
         neighbours: values of the test functions of the multipliers, (4,).
+        grips: that impacts leave, see `grips` of `test_functions.py`; empty without friction of contacts.
         num_unstable: number of unstable multipliers.
         multipliers: (2 n,).
         past: as in `CorrectedCycle`.
@@ -98,6 +99,7 @@ class StepState(NamedTuple):
     margins: Array
     slopes: Array
     neighbours: Array
+    grips: Array
     num_unstable: Array
     multipliers: Array
     past: Array
@@ -111,6 +113,7 @@ class StepState(NamedTuple):
             margins(sequence, seen),
             test_slopes(sequence, seen),
             of_neighbours(seen),
+            grips(sequence, seen),
             num_unstable(seen),
             seen.found.multipliers,
             seen.past,
@@ -194,6 +197,8 @@ def is_plain(sequence: Sequence, known: StepState, new: StepState, limits: StepL
     """True where a step passes no zero of a test function, no bound, no start of a cycle or of the branch."""
     is_met = jnp.any((known.margins > 0) & (new.margins <= 0))
     is_special = jnp.any(is_crossed(known.neighbours, new.neighbours))
+    if new.grips.size:
+        is_special = is_special | jnp.any(is_crossed(known.grips, new.grips))
     is_odd = (new.num_unstable - known.num_unstable) % 2 != 0
     is_out = (new.place.p < limits.bounds[0]) | (new.place.p > limits.bounds[1])
     times = jnp.cumsum(new.place.flights)

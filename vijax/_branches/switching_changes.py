@@ -17,11 +17,11 @@ from .behind_event import (
 )
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, End, is_followed
+from .point import BranchPoint, End, corrected, is_followed
 from .requests import Requests
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
 from .test_functions import OF_STOPS, TestFunction
-from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT
+from .tolerances import CORNER_NEAR, EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT, TRIALS_AHEAD
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
@@ -35,6 +35,8 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
         return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
     if _is_of_slider(event.sequence, test):
         return End(test.kind)  # the machine tells what follows
+    if test.kind == Kind.IN_IMPACT:
+        return End(test.kind) if test.of_flight else (yield from _past_impact(event, test))
     together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
         new = yield from _with_impacts(event, together)
@@ -45,6 +47,23 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     if _stops_at_impact(event.sequence, test):
         return (yield from _with_other_slip(event, test.index))
     return (yield from _with_merged_events(event, test, together))
+
+
+def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
+    """Continue behind an impact in which friction begins or ceases to stick, with the same events.
+
+    The branch has a corner there: behind it, it may go on or come back.
+    """
+    tangent, along = event.tangent, event.place.along(event.tangent)
+    for side in (1, -1):
+        for ds in TRIALS_AHEAD:
+            guess = event.place.moved(tangent, ds)
+            seen = yield from corrected(event.sequence, guess, tangent, along + side * ds)
+            new = BranchPoint.of(event.sequence, seen, event.arc + ds)
+            is_near = seen.found.is_converged and new.place.distance(event.place) < CORNER_NEAR * ds
+            if is_near and test.of(seen) < 0 and (yield from is_followed(new)):
+                return new if side > 0 else new.turned()
+    return End(test.kind)
 
 
 def _is_of_slider(sequence: Sequence, test: TestFunction) -> bool:

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._hybrid.limits import CLOSE as CLOSING, IMPACT, OPEN, RELEASE, TURN
+from .._hybrid.limits import CLOSE as CLOSING, IMPACT, OPEN, RELEASE, STICK, TURN
 from .._jax.arrays import array_namespace
-from .._machine.state import AHEAD, BEHIND, SPRING, STICKING
+from .._machine.state import AHEAD, BEHIND, FREE, SPRING, STICKING
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
-from .tolerances import AT_BIFURCATION, CUT_AT_ONCE, ON_CIRCLE, ROUNDED_FUNCTION, STICK_BEGINS
+from .tolerances import AT_BIFURCATION, CUT_AT_ONCE, GRIP_OF_BOUNCE, ON_CIRCLE, ROUNDED_FUNCTION, STICK_BEGINS
 
 Multipliers = Any
 
@@ -187,9 +187,13 @@ def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
     """True if the guard of a test function is least where another event cuts its flight off, see `admissibility.py`."""
     if test.of_flight or test.kind not in (Kind.GRAZING_SLIDING, Kind.TOUCH, Kind.FORCE_ZERO):
         return False
-    is_own = sequence.stop == test.index % sequence.mode.shape[1]
-    opens = is_own & _is_one_of(sequence.kind, (OPEN, OPEN + SECOND))
-    cuts = np.flatnonzero(sequence.kind == IMPACT if test.kind == Kind.GRAZING_SLIDING else opens)
+    own = test.index % sequence.mode.shape[1]
+    if test.kind == Kind.GRAZING_SLIDING:  # friction of a contact begins and ends with that
+        is_open = sequence.mode[:, own] == FREE
+        is_cut = (sequence.kind == IMPACT) | (is_open[1:] != is_open[:-1])
+    else:
+        is_cut = (sequence.stop == own) & _is_one_of(sequence.kind, (OPEN, OPEN + SECOND))
+    cuts = np.flatnonzero(is_cut)
     since = np.cumsum(seen.found.place.flights)[cuts] - float(seen.watched.gap_time[test.index])
     return bool((np.abs(since) < CUT_AT_ONCE).any())
 
@@ -197,6 +201,8 @@ def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
     """Kind of the bifurcation where event `k` meets the one before it."""
     stop = sequence.stop[k]
+    if k and _begins_with_contact(sequence, k):
+        return Kind.IN_IMPACT
     if k == 0 or stop != sequence.stop[k - 1]:
         return Kind.DOUBLE_IMPACT
     before, between, after = (sequence.mode[i, stop] for i in (k - 1, k, k + 1))
@@ -211,6 +217,14 @@ def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
     if after == STICKING:
         return Kind.ADDING_SLIDING if before == STICKING else Kind.SWITCHING_SLIDING
     return Kind.CHATTER_COMPLETION if sequence.kind[k] == RELEASE else Kind.DOUBLE_IMPACT
+
+
+def _begins_with_contact(sequence: Sequence, k: int) -> bool:
+    """True if event `k` is the stick of friction that began to slip as an impact closed its contact, one event before."""
+    stop = sequence.stop[k]
+    return bool(
+        sequence.kind[k - 1] == IMPACT and sequence.kind[k] == STICK and sequence.mode[k - 1, stop] == FREE
+    )
 
 
 def _has_speed(sequence: Sequence) -> Any:
@@ -300,6 +314,36 @@ def _is_end_of_rebound(sequence: Sequence, k: int, impacts: set[int]) -> bool:
     return k - 1 in impacts and bool(
         sequence.mode[k - 1, sequence.stop[k]] != sequence.mode[k, sequence.stop[k]]
     )
+
+
+def grips(sequence: Sequence, seen: CorrectedCycle) -> Any:
+    """What impacts leave of the grip of friction of their contacts, see `SwitchedEnd`, (events stops,).
+
+    Its sign tells whether the friction sticks within the impact or slips. NaN where there is none, and in light bounces, of
+    which a chatter has ever more.
+    """
+    grip, speeds = seen.watched.grip, seen.found.speeds
+    xp = array_namespace(speeds)
+    if grip is None:
+        return xp.zeros(0)
+    num = len(sequence.kind)
+    speeds = xp.where(sequence.kind == IMPACT, speeds[:num], 0)
+    is_heavy = speeds > GRIP_OF_BOUNCE * xp.max(speeds, initial=0)
+    return xp.where(is_heavy[:, None], grip[:num], xp.nan).ravel()
+
+
+def stops_in_impacts(sequence: Sequence, before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
+    """Test functions of impacts in which friction begins or ceases to stick between two cycles of a sequence."""
+    if before.watched.grip is None:
+        return []
+    first, last = (grips(sequence, seen) for seen in (before, after))
+    found = []
+    for place in np.flatnonzero(is_crossed(first, last)).tolist():
+        k, j = divmod(place, sequence.mode.shape[1])
+        sign = float(np.sign(first[place]))
+        of = lambda seen, k=k, j=j, sign=sign: sign * float(seen.watched.grip[k, j])  # noqa: E731
+        found.append(TestFunction(Kind.IN_IMPACT, of, k))
+    return found
 
 
 def num_unstable(seen: CorrectedCycle) -> Any:

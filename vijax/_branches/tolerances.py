@@ -51,6 +51,8 @@ ON_CIRCLE = 1e-7
 LARGE_MULTIPLIER = 1e2
 # none: size of a function of multipliers, at both ends of a step, that is rounding, as without damping.
 ROUNDED_FUNCTION = 1e-10
+# share: speed of an impact, relative to the fastest, from which on what friction does within it is an event of the branch.
+GRIP_OF_BOUNCE = 1e-2
 # periods: time within which a guard vanishes at the event that cuts its flight off.
 CUT_AT_ONCE = 1e-9
 # periods: time from the beginning of a stick within which it touches a bound where it begins.
@@ -108,6 +110,8 @@ STEP_OFF = 1e-7, 1e-8, 1e-9, 1e-10
 STEP_OFF_LIGHT = 1e-4, 1e-5, 1e-6
 # cycle: lengths at which the machine is simulated where no step leads off.
 TRIALS_AHEAD = 1e-6, 1e-5, 1e-4, 1e-3
+# share: distance of the point behind a corner, relative to that of its plane: no branch bends nearer to a right angle.
+CORNER_NEAR = 20.0
 # periods: times by which new impacts at several stops come before their touch, and durations of new contacts.
 EARLIER_IMPACTS, NEW_CONTACTS = (1e-4, 1e-5, 1e-3), (1e-4, 1e-5, 1e-3)
 # share: size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one,
@@ -132,6 +136,8 @@ VANISHING_STICK = 1e-5
 ORBIT_NEAR, ORBIT_AT = 1e-3, 1e-9
 # multiplier: distance from 1 below which it is 1. At a fold without losses a double one keeps half the digits: it is not.
 IS_ONE = 1e-10
+# share: grip that an impact leaves, relative to the largest, within which a branch without steps ends as friction stops there.
+AT_CORNER = 1e-6
 # start: distance within which two cycles are the same; within which a cycle has returned to its start.
 SAME_CYCLE, RETURNED = 1e-8, 1e-6
 # start: distance below which a cycle repeats a shorter one at an event, as exactly as events are located; and behind it, where

@@ -56,7 +56,7 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoin
 def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int, Sequence, ExtendedCycle]]:
     """Pairs of the stop of each short hop, the shortest first, and the cycle without the hop."""
     sequence, durations = point.sequence, _durations(point)
-    num = 0 if sequence.is_switching else len(durations)
+    num = len(durations) if not sequence.is_switching or point.seen.watched.grip is not None else 0
     for k in np.argsort(durations[:num]) if flight is None else [flight % max(num, 1)]:
         last = _end_of_hop(point, int(k)) if num and durations[k] < SHORT_HOP else None
         if last is not None:

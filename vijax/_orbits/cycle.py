@@ -56,11 +56,13 @@ class Residual(NamedTuple):
         events: gaps at the impacts, contact forces at the releases, (events,).
         closing: the state at the end minus the state at the start, (2 n,).
         speed: of approach to the stop at each impact, 0 for other events, (events,).
+        grip: that each impact leaves, see `SwitchedEnd`, (events, stops); None without friction of contacts.
     """
 
     events: Float[Array, " events"]
     closing: Float[Array, " state"]
     speed: Float[Array, " events"]
+    grip: Any = None
 
 
 class Problem(eqx.Module):
@@ -98,11 +100,12 @@ class Problem(eqx.Module):
 
 
 class Moment(NamedTuple):
-    """State `z`, time in forcing periods, and gaps accumulated since the last contact."""
+    """State `z`, time in forcing periods, gaps accumulated since the last contact; `grip` of the event before, see `SwitchedEnd`."""
 
     z: Array
     time: Array
     gap: Array
+    grip: Any = None
 
 
 class Event(NamedTuple):
@@ -137,11 +140,14 @@ def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     machine, flow = problem.machine, problem.flow
     place = initial_moment(problem, machine, unknowns.z)
 
-    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[Array, Array]]:
-        return fly_to_event(machine, flow, place, flight.event, _duration(problem, place, flight))[:2]
+    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[Array, Array, Any]]:
+        duration = _duration(problem, place, flight)
+        there, (value, speed), _ = fly_to_event(machine, flow, place, flight.event, duration)
+        return there, (value, speed, there.grip)
 
-    place, (values, speeds) = jax.lax.scan(one, place, _flights_of(problem, unknowns))
-    return Residual(values[:-1], _closing(problem, place.z - unknowns.z), speeds[:-1])
+    place, of_events = jax.lax.scan(one, place, _flights_of(problem, unknowns))
+    values, speeds, grips = jax.tree.map(lambda a: a[:-1], of_events)
+    return Residual(values, _closing(problem, place.z - unknowns.z), speeds, grips)
 
 
 def _closing(problem: Problem, gone: Array) -> Array:
@@ -329,7 +335,8 @@ def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
         x = contacts.with_closed_gaps(x, held, phase)
         v = contacts.with_zero_approach(v, held, machine.phase_rate(phase))
     gap = jax.lax.stop_gradient(contacts.gaps(x, phase))
-    return Moment(jnp.concatenate([x, v]), problem.phase + 0 * x[0], gap)
+    grip = -jnp.ones_like(gap) if machine.has_tied_friction else None
+    return Moment(jnp.concatenate([x, v]), problem.phase + 0 * x[0], gap, grip)
 
 
 def events_of(problem: Problem) -> Event:
@@ -357,7 +364,8 @@ def fly_to_event(
         divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < _MOMENT, _MOMENT, duration), 1)
         value = after.value / jnp.where(event.zeros == 2, divisor * divisor, divisor)
         value = jnp.where(event.kind == NOTHING, duration, value)
-        moment = Moment(jnp.concatenate([after.x, after.v]), time, jax.lax.stop_gradient(after.gap))
+        z, gap = jnp.concatenate([after.x, after.v]), jax.lax.stop_gradient(after.gap)
+        moment = Moment(z, time, gap, after.grip)
         return moment, (value, after.speed), end
     held, held_after = event.mode, event.mode_after
     counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), machine.hold(held)

@@ -1,6 +1,6 @@
 """Events of cycles of machines with friction or compliant contacts: guards and resets as `_hybrid` has them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -25,6 +25,7 @@ from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
+from .._machine.small_matrices import diagonal
 from .._machine.state import AHEAD, BEHIND, HELD, SPRING, State, laws_as_numbers
 from .._machine.switching import JENKINS
 from .sequence import LEAVE, NOTHING, SECOND, Sequence, effective, held_in
@@ -40,6 +41,8 @@ class SwitchedEnd(NamedTuple):
         x: positions after the event, (n,).
         v: velocities after it, (n,).
         gap: gaps after it, (contacts,).
+        grip: by how much friction that an impact brings to rest could take a larger impulse, negative where it slips on,
+            (contacts,); -1 for what has no part in an impact. None without friction of contacts.
     """
 
     value: Scalar
@@ -47,6 +50,7 @@ class SwitchedEnd(NamedTuple):
     x: Float[Array, " n"]
     v: Float[Array, " n"]
     gap: Float[Array, " contacts"]
+    grip: Any = None
 
 
 def is_second(kind: Int[Array, ""]) -> Bool[Array, ""]:
@@ -85,7 +89,7 @@ def switched_end(
         of_motion = of_motion | (at_event & contacts.are(JENKINS))
     speed = -slope / jnp.where(jnp.any(has_no_gap & at_event), machine.frequency, 1)
     hit = at_event & (kind == IMPACT)
-    x, v = after_event(machine, end, hit, after)
+    x, v, grip = after_event(machine, end, hit, after)
     # Gaps and positions agree also where the cycle is not found yet: Newton's method would solve one event after another.
     is_met = of_motion & ~has_no_gap & (kind != NOTHING)
     x = contacts.with_closed_gaps(x, is_met, end.phase)
@@ -93,7 +97,7 @@ def switched_end(
     gap = jnp.where((after == HELD) & ~has_no_gap, 0, jnp.where(has_no_gap, 1, moved))
     speed = jnp.where((kind != NOTHING) & jnp.any(of_motion), speed, 0)
     speed = jnp.where(kind == TURN, _push_beyond_grip(machine, end, at_event, after), speed)
-    return SwitchedEnd(value, speed, x, v, gap)
+    return SwitchedEnd(value, speed, x, v, gap, grip)
 
 
 def _push_beyond_grip(
@@ -147,14 +151,33 @@ def with_stretches_of(
 
 def after_event(
     machine: Machine, end: State, hit: Bool[Array, " contacts"], after: Int[Array, " contacts"]
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Positions and velocities after an impact, if one happens, and after the elements that then hold came to rest."""
-    contacts = machine.contacts
-    stays = (end.held | end.is_kept_closed) & (effective(after) == HELD)
-    x, v = rebound(machine, end, hit, stays & contacts.is_rigid)
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Any]:
+    """Positions and velocities after an impact, if one happens, and after the elements that then hold came to rest.
+
+    The third is `grip` of `SwitchedEnd`.
+    """
+    contacts, grip = machine.contacts, None
     if machine.has_tied_friction:  # which has an impulse too where it slips and its contact comes to rest
+        x, v, impulse = rebound_with_friction(machine, end, hit)
+        grip = _grip_left(machine, eqx.tree_at(lambda s: s.v, end, v), impulse)
         contacts = contacts.directed(in_laws(machine, end, after).mode.direction)
-    return x, with_stretches_of(machine, contacts.without_speeds(v, held_in(after), end.phase), after)
+    else:
+        stays = (end.held | end.is_kept_closed) & (effective(after) == HELD)
+        x, v = rebound(machine, end, hit, stays & contacts.is_rigid)
+    v = contacts.without_speeds(v, held_in(after), end.phase)
+    return x, with_stretches_of(machine, v, after), grip
+
+
+def _grip_left(
+    machine: Machine, after: State, impulse: Float[Array, " contacts"]
+) -> Float[Array, " contacts"]:
+    """`grip` of `SwitchedEnd` from the impulses of all elements; zero where friction just stops within the impact."""
+    contacts = machine.contacts
+    normal = contacts.at_normal(impulse)
+    # Where it sticks no velocity is left, and where it slips no impulse: the impulse that would stop it is beyond by this.
+    missing = jnp.abs(sliding_velocity(machine, after)) / diagonal(contacts.compliance)
+    left = contacts.laws.coefficient * normal - jnp.abs(impulse) - missing
+    return jnp.where(contacts.are_tied & (normal > 0), left, -1)
 
 
 def switched_instant(

@@ -18,13 +18,14 @@ from .record import (
     flattened_points,
     forcing_periods,
     has_full_mass,
+    has_tied_friction,
     impacts_of,
     labelled,
     machines,
     stop_masses,
 )
 from .recurrence import Recurrence, recurrence
-from .section_side import before_impact, padded_to_power_of_two
+from .section_side import after_impacts, before_impact, padded_to_power_of_two
 from .sections import stroboscopic_section
 
 MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
@@ -137,7 +138,7 @@ def classified(
     period, masses, impacts = forcing_periods(source), stop_masses(source), impacts_of(source)
     in_periods = impacts.time / period[impacts.point]
     number = np.floor(in_periods + _EDGE).astype(int)  # index of the period of each impact, from 0
-    v = _before_impacts(source, section.v.values, masses, impacts, number, in_periods)
+    v = _on_one_side(source, section, masses, impacts, number, in_periods)
     relative = _relative(section.x.values, v, 2 * np.pi / period, impacts)[:, -last:]
     is_failed = np.isnan(relative.sum(axis=(1, 2)))
     found = recurrence(np.where(is_failed[:, None, None], 0, relative), tolerance)
@@ -212,45 +213,62 @@ def _motion(
     return np.select([*kinds.values()], numbers, MOTIONS.index("non_impacting")).astype(np.int8)
 
 
-def _before_impacts(
+def _on_one_side(
     source: Solution | xr.Dataset,
-    v: np.ndarray,
+    section: xr.Dataset,
     masses: np.ndarray,
     impacts: Impacts,
     number: np.ndarray,
     in_periods: np.ndarray,
 ) -> np.ndarray:
-    """Undo the impacts just before the end of a period.
+    """Velocities with the impacts just before the end of a period undone; those with friction just after it done instead.
 
-    Rounding puts an impact at the very end of a period before it or after it, which reverses the velocity.
+    Rounding puts an impact at the very end of a period before it or after it, which reverses the velocity. Friction that
+    stops within an impact forgets its velocity, so that the impact cannot be undone.
     """
+    v = section.v.values
     # Impacts just after the end are included, since times are rounded; undoing those changes nothing.
     is_undone = (number >= 1) & (number <= v.shape[1]) & (in_periods <= number + 1e-9)
+    is_tied = is_undone.any() and has_tied_friction(source)
+    if is_tied:
+        is_undone &= in_periods >= number - 1e-9
     # Of several impacts of one state the first counts, so it is undone last.
     which = np.flatnonzero(is_undone)[::-1]
     v = v.copy()
     is_own = masses[impacts.stop[which]] >= 0
-    if which.size and has_full_mass(source):
+    if which.size and (is_tied or has_full_mass(source)):
         is_own = np.zeros_like(is_own)
     own, others = which[is_own], which[~is_own]
     v[impacts.point[own], number[own] - 1, masses[impacts.stop[own]]] = impacts.velocity[own]
     while others.size:
         # One impact of each state at a time.
         _, chosen = np.unique(impacts.point[others] * v.shape[1] + number[others], return_index=True)
-        _undo(source, v, impacts, number, others[chosen])
+        _moved_across(source, (section.x.values, v), impacts, number, others[chosen])
         others = np.delete(others, chosen)
     return v
 
 
-def _undo(
-    source: Solution | xr.Dataset, v: np.ndarray, impacts: Impacts, number: np.ndarray, which: np.ndarray
+def _moved_across(
+    source: Solution | xr.Dataset,
+    states: tuple[np.ndarray, np.ndarray],
+    impacts: Impacts,
+    number: np.ndarray,
+    which: np.ndarray,
 ) -> None:
-    """Undo, in place, impacts by which several masses change their velocities, if the machines are stored."""
-    which = padded_to_power_of_two(which)
+    """Undo, in place, impacts by which several masses change their velocities, if the machines are stored.
+
+    Those with friction are done where the states are before them.
+    """
+    which, (x, v) = padded_to_power_of_two(which), states
     machine, angle = machines(source, impacts.point[which])
-    if machine is not None:
-        place = impacts.point[which], number[which] - 1
-        v[place] = before_impact(machine, angle, v[place], impacts.stop[which], impacts.velocity[which])
+    if machine is None:
+        return
+    place, stop = (impacts.point[which], number[which] - 1), impacts.stop[which]
+    if machine.has_tied_friction:
+        is_hit = np.arange(machine.contacts.num)[:, None] == stop
+        v[place] = after_impacts(machine, angle, (x[place], v[place]), is_hit)[1]
+    else:
+        v[place] = before_impact(machine, angle, v[place], stop, impacts.velocity[which])
 
 
 def _relative(x: np.ndarray, v: np.ndarray, frequency: np.ndarray, impacts: Impacts) -> np.ndarray:

@@ -120,6 +120,16 @@ def has_full_mass(source: Solution | xr.Dataset) -> bool:
         return False
 
 
+def has_tied_friction(source: Solution | xr.Dataset) -> bool:
+    """True if impacts have friction, as far as the machine is stored."""
+    if isinstance(source, Solution):
+        return source.machine.has_tied_friction
+    try:
+        return any(element.is_tied for element in machines_of(source, force=NAMED_FORCE).friction)
+    except ValueError:  # as in `machines`
+        return False
+
+
 def is_linear(source: Solution | xr.Dataset) -> bool:
     """True if the machine is stored and linear between impacts: without a force, friction and compliant stops."""
     if isinstance(source, Solution):
