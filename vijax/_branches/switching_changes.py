@@ -15,13 +15,20 @@ from .behind_event import (
     vanishing_with,
     with_earlier_impacts,
 )
+from .kernels import torn_margins
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, End, is_followed
-from .requests import Requests
-from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
+from .requests import KernelCall, Requests, ask
+from .sequence_edits import (
+    with_contact,
+    with_event,
+    with_events_merged,
+    with_other_kind,
+    with_slip,
+)
 from .test_functions import TestFunction
-from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT
+from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT, VANISHES_TOGETHER
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
@@ -31,8 +38,8 @@ _OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
 
 def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End | None]:
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
-    if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
-        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+    if event.kind in (Kind.DOUBLE_IMPACT, Kind.TEAR) and not test.of_flight:
+        return (yield from _with_slips(event, test))
     together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
         new = yield from _with_impacts(event, together)
@@ -43,6 +50,23 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     if _stops_at_impact(event.sequence, test):
         return (yield from _with_other_slip(event, test.index))
     return (yield from _with_merged_events(event, test, together))
+
+
+def _with_slips(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
+    """Continue behind a point where friction that an event tears off slips of itself, just before it or behind it.
+
+    In all rounds of a symmetric cycle at once.
+    """
+    left, excess = yield from ask(KernelCall(torn_margins, event.sequence, (event.place,)))
+    is_behind = test.kind == Kind.TEAR
+    sequence, place, new = event.sequence, event.place, []
+    torn = np.argwhere(np.abs(excess if is_behind else left)[: len(sequence.kind)] < VANISHES_TOGETHER)
+    for k, element in torn:
+        sequence, place = with_slip(sequence, place, k + len(new), int(element), is_behind=is_behind)
+        new.append(k + len(new) + 1)
+    if not new:
+        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+    return (yield from oriented(sequence, place, event, lambda at: float(at.tangent.flights[new].sum())))
 
 
 def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:
