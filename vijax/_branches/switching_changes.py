@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .._hybrid.limits import IMPACT, OPEN, STICK, TURN
-from .._machine.state import AHEAD, BEHIND
+from .._machine.state import AHEAD, BEHIND, SPRING
 from .._orbits.sequence import SECOND, Sequence
 from .behind_event import (
     corrected_on_sequence,
@@ -27,7 +27,7 @@ from .sequence_edits import (
     with_other_kind,
     with_slip,
 )
-from .test_functions import TestFunction
+from .test_functions import TestFunction, is_between_events
 from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT, VANISHES_TOGETHER
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
@@ -38,6 +38,8 @@ _OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
 
 def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End | None]:
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
+    if _is_of_slider(event.sequence, test):
+        return End(test.kind)  # the machine tells what follows
     if event.kind in (Kind.DOUBLE_IMPACT, Kind.TEAR) and not test.of_flight:
         return (yield from _with_slips(event, test))
     together = vanishing_with(event, test)
@@ -52,11 +54,21 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     return (yield from _with_merged_events(event, test, together))
 
 
+def _is_of_slider(sequence: Sequence, test: TestFunction) -> bool:
+    """True for an event of a Jenkins element, alone or with another one."""
+    k, num = test.index, sequence.mode.shape[1]
+    events = () if is_between_events(test) else (k - 1, k) if test.of_flight else (k,)
+    elements = [sequence.stop[i] for i in events] or [k % num]
+    return bool((sequence.mode[:, elements] == SPRING).any())
+
+
 def _with_slips(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
     """Continue behind a point where friction that an event tears off slips of itself, just before it or behind it.
 
     In all rounds of a symmetric cycle at once.
     """
+    if test.least == "gap":
+        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
     left, excess = yield from ask(KernelCall(torn_margins, event.sequence, (event.place,)))
     is_behind = test.kind == Kind.TEAR
     sequence, place, new = event.sequence, event.place, []
@@ -65,7 +77,7 @@ def _with_slips(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint 
         sequence, place = with_slip(sequence, place, k + len(new), int(element), is_behind=is_behind)
         new.append(k + len(new) + 1)
     if not new:
-        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+        return End(Kind.DOUBLE_IMPACT)
     return (yield from oriented(sequence, place, event, lambda at: float(at.tangent.flights[new].sum())))
 
 
