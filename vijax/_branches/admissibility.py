@@ -21,6 +21,7 @@ from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effecti
 from .._trajectory.batched import row_of_lane
 from .minima import dip
 from .tolerances import END_OF_FLIGHT
+from .torn_friction import Guards, excess_of_torn, has_friction, rises_with_torn, with_torn
 
 # `_DENSITY`: samples per radian of the fastest part of the motion. `_DENSER`: the same where readings have a derivative less:
 # of several minima that is refined which is lowest between samples.
@@ -47,8 +48,8 @@ class LeastMargins(NamedTuple):
         force_time: its time, in forcing periods since the start, (stops,).
         force_flight: the number of its flight, (stops,).
         rise: least acceleration away from each stop after an impact without rebound (restitution 0) that leaves its
-            mass free, (stops,); infinite if there is none.
-        rise_flight: the number of the flight that this impact begins, (stops,).
+            mass free, (stops,), or force beyond the grip of friction that is torn off; infinite if there is none.
+        rise_flight: the number of the flight that this event begins, (stops,).
         is_plastic: whether impacts have no rebound, (stops,).
         last: duration of the flight after the last event, in forcing periods.
         grip: what each impact leaves of the grip of friction that it brings to rest, see `SwitchedEnd`, (events, stops); None
@@ -191,12 +192,17 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
     """
     course = course_of(problem, unknowns, begins)
     found = least_margins(course, partial(read, problem.machine, problem.flow))
-    return found._replace(grip=grip_of_events(course.begins))
+    return with_margins_at_events(problem, course.begins, found)
 
 
-def grip_of_events(begins: Moment) -> Any:
-    """`grip` of `LeastMargins`, from the moments at which flights begin."""
-    return None if begins.grip is None else begins.grip[1:]
+def with_margins_at_events(problem: Problem, begins: Moment, found: LeastMargins) -> LeastMargins:
+    """The margins between the events of a cycle with those of friction at the events, which begin its flights."""
+    found = found._replace(grip=None if begins.grip is None else begins.grip[1:])
+    if not has_friction(problem.machine):
+        return found
+    excess = excess_of_torn(problem.sequence, begins, guards_of(problem))
+    rise, flight = with_torn(excess, found.rise, found.rise_flight)
+    return found._replace(rise=rise, rise_flight=flight)
 
 
 def least_margins(course: Course, reading: Reading) -> LeastMargins:
@@ -244,37 +250,47 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     turns = has_length & ~held & gap.is_there
     turns = turns if idle is None else turns & ~idle
     gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)
-    # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold.
+    # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold. Elements that
+    # keep each other at rest take over each other's load on a flight, whose mode is that at its end.
     is_begun = is_on & is_first & ((k > 0) | (longest > 0))
 
     def of_held() -> _Minima:
         force = dip(before.force, now.force, step, jnp.zeros_like(held))
         least = jnp.where(is_first, now.force[0], force.value)
         at = jnp.where(is_first, since, force.times(since, step))
-        is_least = held & (is_begun | (has_length & force.is_there))
+        counts = (
+            is_begun if idle is None else is_begun & ~(jnp.any(idle, axis=0, keepdims=True) & (least < 0))
+        )
+        is_least = held & (counts | (has_length & force.is_there))
         return scan.forces.lowered(is_least, least, at, k)
 
     forces = jax.lax.cond(is_any(held), of_held, lambda: scan.forces)
     if sequence.is_switching:
-        gaps = _with_cut_guards(course, k, before, now, is_on & is_first, gaps)
-    # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
+        gaps, forces = _with_cut_guards(course, k, (before, now), is_on & is_first, (gaps, forces))
+    # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass, unless others keep it.
     rests = is_on & is_first & ~held & _of_guards(sequence, _is_after_plastic(course, k))
+    rests = rests if idle is None else rests & ~idle
     rises = scan.rises.lowered(rests, now.gap[2], since, k)
     following, sample = jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1)
     return _Scan(jnp.where(is_on, following, scan.flight), sample, now, gaps, forces, rises)
 
 
 def _with_cut_guards(
-    course: Course, k: Array, before: _GapsAndForces, now: _GapsAndForces, is_first: Array, gaps: _Minima
-) -> _Minima:
-    """The minima with those at the event before flight `k`, where another event cuts a flight off.
+    course: Course,
+    k: Array,
+    readings: tuple[_GapsAndForces, _GapsAndForces],
+    is_first: Array,
+    minima: tuple[_Minima, _Minima],
+) -> tuple[_Minima, _Minima]:
+    """The minima of guards with those at the event before flight `k`, where another event cuts a flight off.
 
     The sliding velocity may fall before an impact, or rise behind it. Where a compliant contact opens by one guard, the other
-    one may fall. `before` is the reading just before the event, and `now` the one just behind it.
+    one may fall, and so may those of an element at rest that the event of another sets free. `readings` are those just before
+    the event and just behind it; `minima` those of elements that do not hold, and of those that do.
     """
-    sequence, last = course.sequence, jnp.maximum(k - 1, 0)
+    sequence, last, (before, now), (gaps, forces) = course.sequence, jnp.maximum(k - 1, 0), readings, minima
     if not len(sequence.kind):
-        return gaps
+        return minima
     kind, stop, duration = _of_flight((sequence.kind, sequence.stop, course.flights), last)
     is_cut = is_first & (k > 0) & (duration > 0)
     mode, following = (_of_flight(sequence.mode, flight) for flight in (last, k))
@@ -288,7 +304,10 @@ def _with_cut_guards(
     falls = slid | jnp.concatenate([opens & by_second, opens & (kind == OPEN)])
     at = lambda time: jnp.broadcast_to(time, gaps.since.shape)  # noqa: E731
     gaps = gaps.lowered(is_cut & falls & (before.gap[1] < 0), before.gap[0], at(duration), last)
-    return gaps.lowered(is_cut & slides & (now.gap[1] > 0), now.gap[0], at(0 * duration), k)
+    freed = held_in(mode) & ~held_in(effective(following)) & (_numbers(mode) != stop)
+    freed = _of_guards(sequence, freed) & (before.force[1] < 0)
+    forces = forces.lowered(is_cut & freed, before.force[0], at(duration), last)
+    return gaps.lowered(is_cut & slides & (now.gap[1] > 0), now.gap[0], at(0 * duration), k), forces
 
 
 def _before_the_scan(course: Course) -> tuple[_Minima, _GapsAndForces]:
@@ -327,7 +346,11 @@ def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMa
         jax.tree.map(lambda a: a[stops, stops], part)
         for part in _split_in_three(jax.vmap(at_row)(flights, times))
     )
-    return Margins(speeds=speeds, gap=gap.gap[0], force=force.force[0], rise=rise.gap[2])
+    rises = rise.gap[2]
+    if has_friction(machine):
+        excess = excess_of_torn(sequence, begins, guards_of(problem))
+        rises = rises_with_torn(excess, rises, watched.rise_flight)
+    return Margins(speeds=speeds, gap=gap.gap[0], force=force.force[0], rise=rises)
 
 
 def _split_in_three(readings: _GapsAndForces) -> list[_GapsAndForces]:
@@ -413,6 +436,11 @@ def _refined(course: Course, reading: Reading, gaps: _Minima, forces: _Minima) -
 
     values, since = jax.lax.cond(is_any(jnp.isfinite(values)), refined, lambda: (values, sinces[0]))
     return tuple(a.reshape(2, num, *a.shape[1:]) for a in (values, starts + since))
+
+
+def guards_of(problem: Problem) -> Guards:
+    """Function of the beginning of a flight, its mode and a time on it, that gives the values of all guards."""
+    return lambda begin, mode, since: read(problem.machine, problem.flow, begin, mode, since).gap[0]
 
 
 def read(machine: Machine, flow: AbstractFlow, begin: Moment, mode: Array, since: Array) -> _GapsAndForces:

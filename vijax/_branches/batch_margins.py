@@ -8,7 +8,7 @@ from jaxtyping import Array
 from .._lanes.kernels import kernel_of, pruned
 from .._orbits.cycle import Moment, Problem
 from .._orbits.sequence import Sequence
-from .admissibility import Course, LeastMargins, course_of, grip_of_events, least_margins, read
+from .admissibility import Course, LeastMargins, course_of, least_margins, read, with_margins_at_events
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 
@@ -37,7 +37,13 @@ def margins_of_cycles(
     with jax.numpy_rank_promotion("allow"):  # numbers of all lanes go with those of each
         found = least_margins(course, lambda *of: kernel_of(reading)(numbers, *of))
     found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
-    return found._replace(grip=jax.vmap(grip_of_events)(begins))
+
+    def whole(
+        family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, begins: Moment, found: LeastMargins
+    ) -> LeastMargins:
+        return with_margins_at_events(family.problem(sequence, place.p), begins, found)
+
+    return jax.vmap(whole)(families, sequences, places, begins, found)
 
 
 def _read(problem: Problem, begin: Moment, mode: Array, since: Array) -> tuple:

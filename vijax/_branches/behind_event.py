@@ -8,10 +8,10 @@ from .._orbits.sequence import Sequence
 from .kernels import trimmed
 from .kinds import EndKind, Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, End, at_parameter, correct_with_free_parameter, corrected, is_followed
+from .point import BranchPoint, End, correct_with_free_parameter, corrected, is_followed
 from .requests import Requests
 from .test_functions import TestFunction, tests_of
-from .tolerances import EARLIER_IMPACTS, JUMP_NEARER, NO_JUMP, STEP_OFF, VANISHES_TOGETHER
+from .tolerances import EARLIER_IMPACTS, JUMP_NEARER, NEARER, NEGATIVE, NO_JUMP, STEP_OFF, VANISHES_TOGETHER
 
 
 def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
@@ -95,12 +95,38 @@ def step_off(
     return End(EndKind.SEVERAL_EVENTS)
 
 
+def is_admissible(event: BranchPoint, new: BranchPoint) -> bool:
+    """True if no test function has become negative behind an event: a run tells no impact from one of a speed below zero.
+
+    The guard of an element whose load others take over may be negative all along.
+    """
+    before = {
+        (test.least, test.index): test.of(event.seen) for test in tests_of(event.sequence) if test.least
+    }
+    return all(
+        test.of(new.seen) > -NEGATIVE or before.get((test.least, test.index), 0.0) < -NEGATIVE
+        for test in tests_of(new.sequence)
+    )
+
+
 def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:
-    """False if the cycles on the events of a new point keep their distance from an event as their parameter comes near."""
-    away = np.abs(new.place.z - event.place.z).max()
-    if away < NO_JUMP:
-        return True
-    p = event.place.p + JUMP_NEARER * (new.place.p - event.place.p)
-    seen = yield from at_parameter(new.sequence, new.place._replace(p=np.asarray(p)), float(p))
-    is_nearer = np.abs(seen.found.place.z - event.place.z).max() < away / 2
-    return bool(is_nearer or not seen.found.is_converged)
+    """True if the cycles on the events of a new point lead to an event, as the start of a cycle comes near its own.
+
+    Planes across the line between both starts are met ever nearer to the event, step by step, because near it durations may
+    vanish as roots. Another branch does not come to them, or comes at parameters farther away.
+    """
+    away = np.abs(event.place.z - new.place.z).max()
+    towards = ExtendedCycle(
+        (event.place.z - new.place.z) / max(away, NO_JUMP), 0 * new.place.flights, 0 * new.place.p
+    )
+    place, left = new.place, away
+    while left > max(NO_JUMP, JUMP_NEARER * away):
+        left /= 2
+        guess = place._replace(z=event.place.z - left * towards.z)
+        seen = yield from corrected(new.sequence, guess, towards, guess.along(towards))
+        place = trimmed(seen.found.place, len(new.sequence.kind))
+        is_near = np.abs(place.z - event.place.z).max() < NEARER * left
+        is_between = abs(place.p - event.place.p) <= abs(new.place.p - event.place.p)
+        if not (seen.found.is_converged and is_near and is_between):
+            return False
+    return True

@@ -15,11 +15,11 @@ from .defining_systems import (
     DefiningSystem,
 )
 from .kernels import CorrectedCycle, padded, room_for
-from .kinds import MONITOR, Kind
+from .kinds import MONITOR, Kind, public_kind
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
-from .sequence_edits import with_event, with_events_merged
+from .sequence_edits import with_event, with_events_merged, with_slip
 from .starts import Start, family_of, starting_orbits
 from .switching_changes import later_of_meeting
 from .test_functions import TestFunction, grips, kind_at, tests_of
@@ -139,10 +139,12 @@ def _with_switching_event(
     """`with_bifurcation_event` for machines with friction or compliant contacts: with no event that has no duration."""
     (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
     watched, num = seen.watched, sequence.mode.shape[1]
-    wanted = (Kind.GRAZING, Kind.TOUCH) if kind == Kind.GRAZING else (kind,)
-    tests = [test for test in tests_of(sequence) if kind_at(test, sequence, seen) in wanted]
+    tests = [test for test in tests_of(sequence) if public_kind(kind_at(test, sequence, seen)) == kind]
     test = min(tests, key=lambda test: abs(test.of(seen)))
     k = test.index
+    if test.kind == Kind.TEAR:
+        flight = int(watched.rise_flight[k])
+        return *with_slip(sequence, place, flight - 1, k, is_behind=True), flight, False
     if test.kind == Kind.GRAZING and sequence.kind[k] == IMPACT:
         return sequence, place, k, True
     if test.of_flight or test.kind == Kind.GRAZING:

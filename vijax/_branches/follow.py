@@ -354,7 +354,7 @@ def _continue_behind_event(
         return limit
     new = yield from by_sequence(walk, test, event)
     if isinstance(new, End):
-        new = yield from continue_by_simulation(event)
+        new = yield from continue_by_simulation(event, walk.num_periods)
     if isinstance(new, End):
         return new
     rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, SHORTER_BEHIND)

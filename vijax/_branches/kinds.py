@@ -56,6 +56,8 @@ class Kind(StrEnum):
     TOUCH = "touch", "grazing", False
     # Chatter completion, seen from one side only: a stick begins.
     ONSET = "onset", "chatter completion", False
+    # Double impact, seen from one side only: friction torn off by the event of another element would stick on.
+    TEAR = "tear", "double impact", False
     # Branch point, seen from one side only: an orbit traversed twice.
     HALF_PERIOD = "period_doubling", "branch point", True
 
@@ -69,6 +71,7 @@ _SHOWN: dict[str, str] = {
     Kind.TOUCH: Kind.GRAZING,
     Kind.ONSET: Kind.CHATTER_COMPLETION,
     Kind.IN_IMPACT: Kind.CROSSING_SLIDING,
+    Kind.TEAR: Kind.DOUBLE_IMPACT,
     # At the end of a doubled branch, the branch of half the period, traversed twice, crosses it.
     Kind.HALF_PERIOD: Kind.BRANCH_POINT,
 }

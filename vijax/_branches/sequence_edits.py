@@ -2,15 +2,16 @@
 
 import numpy as np
 
-from .._hybrid.limits import CLOSE, RELEASE, STICK, TURN
-from .._machine.state import CLOSED, STICKING
-from .._orbits.sequence import Sequence
+from .._hybrid.limits import CLOSE, RELEASE, SLIP, STICK, TURN
+from .._machine.state import BEHIND, CLOSED, STICKING
+from .._orbits.sequence import SECOND, Sequence, effective
 from .parameter_family import ExtendedCycle
 
 
 def are_alike(one: Sequence, other: Sequence) -> bool:
-    """True if two sequences have the same events at the same stops."""
-    return np.array_equal(one.kind, other.kind) and np.array_equal(one.stop, other.stop)
+    """True if two sequences have the same events at the same stops, and the same motion between them."""
+    modes = effective(one.mode), effective(other.mode)
+    return all(map(np.array_equal, (one.kind, one.stop, modes[0]), (other.kind, other.stop, modes[1])))
 
 
 def with_event(
@@ -47,6 +48,18 @@ def with_contact(
     mode = sequence.mode.copy()
     mode[flight + 1, stop] = CLOSED
     return sequence._replace(mode=mode), place
+
+
+def with_slip(
+    sequence: Sequence, place: ExtendedCycle, k: int, element: int, *, is_behind: bool
+) -> tuple[Sequence, ExtendedCycle]:
+    """Let the grip of friction that event `k` tears off give way of itself, at the same time: behind the event, or before."""
+    slips = sequence.mode[k + 1, element]
+    mode = np.insert(sequence.mode, k + 1, sequence.mode[k + is_behind], axis=0)
+    mode[k + 1, element] = STICKING if is_behind else slips
+    kinds = np.insert(sequence.kind, k + is_behind, SLIP + SECOND * (slips == BEHIND))
+    stops = np.insert(sequence.stop, k + is_behind, element)
+    return Sequence(kinds, stops, mode), place._replace(flights=np.insert(place.flights, k + 1, 0.0))
 
 
 def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:

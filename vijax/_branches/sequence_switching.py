@@ -8,6 +8,7 @@ from .._hybrid.limits import IMPACT
 from .._orbits.sequence import NOTHING, Sequence
 from .behind_event import (
     corrected_on_sequence,
+    is_admissible,
     is_joined,
     oriented,
     step_off,
@@ -135,15 +136,18 @@ _CHANGES: dict[str, Callable[[BranchPoint, TestFunction, Rounds], Requests[Branc
 }
 
 
-def continue_by_simulation(event: BranchPoint) -> Requests[BranchPoint | End]:
+def continue_by_simulation(event: BranchPoint, num_periods: float) -> Requests[BranchPoint | End]:
     """The point a short way ahead, with the events of the simulated machine."""
+    # The events of a run are between start and end of the cycle: so are those with which they are compared.
+    within = yield from in_section(event, num_periods)
+    event = within if isinstance(within, BranchPoint) else event
     for ds in TRIALS_AHEAD:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
         new = yield from _on_simulated_events(event._replace(place=guess), followed)
-        if all(np.array_equal(a, b) for a, b in zip(new.sequence, event.sequence, strict=True)):
+        if are_alike(new.sequence, event.sequence):
             continue  # the event is still ahead
-        is_near = np.abs(new.place.z - guess.z).max() < 10 * ds
+        is_near = np.abs(new.place.z - guess.z).max() < 10 * ds and is_admissible(event, new)
         if is_near and (yield from is_followed(new)) and (yield from is_joined(event, new)):
             return new._replace(kind="", arc=event.arc + ds)
     # Behind a kink the branch may not come to these planes.
@@ -163,7 +167,7 @@ def _at_parameter_beside(event: BranchPoint, dp: float) -> Requests[BranchPoint 
     if new is None or are_alike(new.sequence, event.sequence):
         return None
     away = new.place.distance_of_starts(event.place)
-    if away > 10 * abs(dp) or not (yield from is_joined(event, new)):
+    if away > 10 * abs(dp) or not is_admissible(event, new) or not (yield from is_joined(event, new)):
         return None
     new = new._replace(arc=event.arc + away)
     return new if new.tangent.p * dp > 0 else new.turned()

@@ -15,13 +15,27 @@ from .behind_event import (
     vanishing_with,
     with_earlier_impacts,
 )
+from .kernels import torn_margins
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, End, corrected, is_followed
-from .requests import Requests
-from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
-from .test_functions import OF_STOPS, TestFunction
-from .tolerances import CORNER_NEAR, EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT, TRIALS_AHEAD
+from .requests import KernelCall, Requests, ask
+from .sequence_edits import (
+    with_contact,
+    with_event,
+    with_events_merged,
+    with_other_kind,
+    with_slip,
+)
+from .test_functions import TestFunction, is_between_events
+from .tolerances import (
+    CORNER_NEAR,
+    EVENTS_AT_ONCE,
+    NEW_CONTACTS,
+    STEP_OFF_LIGHT,
+    TRIALS_AHEAD,
+    VANISHES_TOGETHER,
+)
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
 _OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
@@ -31,12 +45,12 @@ _OTHER_WAY = {AHEAD: BEHIND, BEHIND: AHEAD}
 
 def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End | None]:
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
-    if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
-        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
     if _is_of_slider(event.sequence, test):
         return End(test.kind)  # the machine tells what follows
     if test.kind == Kind.IN_IMPACT:
         return End(test.kind) if test.of_flight else (yield from _past_impact(event, test))
+    if event.kind in (Kind.DOUBLE_IMPACT, Kind.TEAR) and not test.of_flight:
+        return (yield from _with_slips(event, test))
     together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
         new = yield from _with_impacts(event, together)
@@ -68,11 +82,29 @@ def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
 
 def _is_of_slider(sequence: Sequence, test: TestFunction) -> bool:
     """True for an event of a Jenkins element, alone or with another one."""
-    num = sequence.mode.shape[1]
-    is_guard = not test.of_flight and test.kind in (*OF_STOPS, Kind.GRAZING_SLIDING, Kind.ADDING_SLIDING)
-    k = test.index
-    stops = [k % num] if is_guard else [sequence.stop[i] for i in ((k - 1, k) if test.of_flight else (k,))]
-    return bool((sequence.mode[:, stops] == SPRING).any())
+    k, num = test.index, sequence.mode.shape[1]
+    events = () if is_between_events(test) else (k - 1, k) if test.of_flight else (k,)
+    elements = [sequence.stop[i] for i in events] or [k % num]
+    return bool((sequence.mode[:, elements] == SPRING).any())
+
+
+def _with_slips(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | End]:
+    """Continue behind a point where friction that an event tears off slips of itself, just before it or behind it.
+
+    In all rounds of a symmetric cycle at once.
+    """
+    if test.least == "gap":
+        return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+    left, excess = yield from ask(KernelCall(torn_margins, event.sequence, (event.place,)))
+    is_behind = test.kind == Kind.TEAR
+    sequence, place, new = event.sequence, event.place, []
+    torn = np.argwhere(np.abs(excess if is_behind else left)[: len(sequence.kind)] < VANISHES_TOGETHER)
+    for k, element in torn:
+        sequence, place = with_slip(sequence, place, k + len(new), int(element), is_behind=is_behind)
+        new.append(k + len(new) + 1)
+    if not new:
+        return End(Kind.DOUBLE_IMPACT)
+    return (yield from oriented(sequence, place, event, lambda at: float(at.tangent.flights[new].sum())))
 
 
 def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:

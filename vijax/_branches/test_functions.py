@@ -26,6 +26,7 @@ class TestFunction(NamedTuple):
         index: number of the event or stop.
         of_flight: True for the duration of the flight before an event.
         rate: its rate along the branch; None if that is not known.
+        least: name of the field of `LeastMargins` that it is, or "".
     """
 
     kind: str
@@ -33,6 +34,7 @@ class TestFunction(NamedTuple):
     index: int = 0
     of_flight: bool = False
     rate: Callable[[CorrectedCycle], Any] | None = None
+    least: str = ""
 
 
 def _ratio(values: Any, of: Any) -> Any:
@@ -101,9 +103,8 @@ OF_STOPS: dict[str, str] = {Kind.TOUCH: "gap", Kind.FORCE_ZERO: "force", Kind.ON
 
 
 def is_between_events(test: TestFunction) -> bool:
-    """True for the test function of a guard between events."""
-    is_of_friction = test.kind in (Kind.GRAZING_SLIDING, Kind.ADDING_SLIDING) and not test.of_flight
-    return is_of_friction or test.kind in OF_STOPS
+    """True for the test function of a guard between events, or of one that an event would keep from vanishing."""
+    return bool(test.least)
 
 
 def tests_of(sequence: Sequence) -> list[TestFunction]:
@@ -139,6 +140,7 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
                     lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j]),
                     j,
                     rate=lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j]),
+                    least=name,
                 )
             )
     return found
@@ -161,11 +163,14 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
     slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING, SPRING)), axis=0).tolist()
     for j in range(2 * num):
         is_friction = slides[j % num]
-        kind = Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO
-        found.append(TestFunction(kind, lambda seen, j=j: float(seen.watched.gap[j]), j))
-        kind = Kind.ADDING_SLIDING if is_friction else Kind.FORCE_ZERO
-        found.append(TestFunction(kind, lambda seen, j=j: float(seen.watched.force[j]), j))
-        found.append(TestFunction(Kind.ONSET, lambda seen, j=j: float(seen.watched.rise[j]), j))
+        kinds = {
+            "gap": Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO,
+            "force": Kind.ADDING_SLIDING if is_friction else Kind.FORCE_ZERO,
+            "rise": Kind.TEAR if is_friction else Kind.ONSET,
+        }
+        for name, kind in kinds.items():
+            of_guard = lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j])  # noqa: E731
+            found.append(TestFunction(kind, of_guard, j, least=name))
     return found
 
 
@@ -185,7 +190,9 @@ def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
 
 def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
     """True if the guard of a test function is least where another event cuts its flight off, see `admissibility.py`."""
-    if test.of_flight or test.kind not in (Kind.GRAZING_SLIDING, Kind.TOUCH, Kind.FORCE_ZERO):
+    if test.least == "force":
+        return frees(sequence, seen, test.index) is not None
+    if test.least != "gap":
         return False
     own = test.index % sequence.mode.shape[1]
     if test.kind == Kind.GRAZING_SLIDING:  # friction of a contact begins and ends with that
@@ -196,6 +203,15 @@ def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
     cuts = np.flatnonzero(is_cut)
     since = np.cumsum(seen.found.place.flights)[cuts] - float(seen.watched.gap_time[test.index])
     return bool((np.abs(since) < CUT_AT_ONCE).any())
+
+
+def frees(sequence: Sequence, seen: Any, guard: int) -> int | None:
+    """Number of the event of another element that sets the element of a guard free where the guard is least; else None."""
+    k, j = int(seen.watched.force_flight[guard]), guard % sequence.mode.shape[1]
+    if k >= len(sequence.kind) or sequence.stop[k] == j or sequence.mode[k, j] == sequence.mode[k + 1, j]:
+        return None
+    since = float(np.cumsum(seen.found.place.flights)[k] - seen.watched.force_time[guard])
+    return k if abs(since) < CUT_AT_ONCE else None
 
 
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:

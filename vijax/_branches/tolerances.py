@@ -119,8 +119,11 @@ EARLIER_IMPACTS, NEW_CONTACTS = (1e-4, 1e-5, 1e-3), (1e-4, 1e-5, 1e-3)
 VANISHES_TOGETHER = 1e-7
 # periods: time within which two events are at once, as exactly as an instant of a corner is located by a double root.
 EVENTS_AT_ONCE = 1e-6
-# start: distance behind an event that is no jump. Share of the way to it at which a larger one must be smaller.
-NO_JUMP, JUMP_NEARER = 1e-5, 0.1
+# start: distance behind an event that is no jump. Share of the way to which a larger one is followed back, by halves; largest
+# distance there, relative to that of the plane.
+NO_JUMP, JUMP_NEARER, NEARER = 1e-5, 0.1, 1.5
+# size of the function: negative value of a test function of a cycle that a machine follows, by rounding.
+NEGATIVE = 1e-10
 # periods: shortest flight of a cycle to whose chatters bounces are added: the rest of them is rounding.
 LIGHTEST_FLIGHT = 1e-7
 # none: size of a test function below which a given orbit lies on the event; its least rate, for it does not only touch zero.
