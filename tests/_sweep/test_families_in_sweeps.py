@@ -132,6 +132,7 @@ def test_functions_of_notebooks_are_known_in_their_process():
     assert orbits.converged.all()
 
 
+@pytest.mark.thorough
 def test_another_process_needs_the_function_or_permission(tmp_path):
     ds = sweep(vx.Family(rotor, frequency=0.8), {"frequency": SPEEDS})
     ds.to_netcdf(tmp_path / "sweep.nc", engine="h5netcdf")

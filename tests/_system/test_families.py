@@ -71,6 +71,7 @@ def test_the_arrays_that_a_value_moves_are_read_off_the_program():
     assert moved_arrays(tower(STIFFNESSES), "stops[0].position") == ["stops[0].position"]
 
 
+@pytest.mark.thorough
 def test_derivatives_pass_through_the_function():
     family = vx.Family(tower, stiffnesses=STIFFNESSES)
 
@@ -278,6 +279,7 @@ def with_cubic(factor):
     )
 
 
+@pytest.mark.thorough
 def test_families_that_differ_in_their_force_alone_are_told_apart():
     first, second = with_cubic(0.1), with_cubic(0.2)
     assert first.program.digest != second.program.digest == with_cubic(0.2).program.digest
