@@ -90,6 +90,7 @@ def test_derivatives_pass_through_the_function():
     np.testing.assert_allclose(by_name, by_hand[1], rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_jit_and_vmap_take_a_family_like_an_array():
     family = vx.Family(rotor, frequency=0.8)
     ends = jax.jit(jax.vmap(lambda w: vx.simulate(family.at(frequency=w), 0.0, 20.0).x1))(
