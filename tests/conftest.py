@@ -1,4 +1,4 @@
-"""Settings of all tests: 64-bit numbers, no silent broadcasting, every annotation checked."""
+"""Settings of all tests: 64-bit numbers, no silent broadcasting, annotations checked."""
 
 import gc
 import os
@@ -26,10 +26,13 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-# Before anything imports vijax, so that beartype also checks every call inside the package. It takes a quarter of the
-# time; `VIJAX_CALLS_UNCHECKED=1` leaves it out where other tests call the same functions.
+# Before anything imports vijax, so that beartype also checks calls inside the package, in one parameter set of each test: to
+# check all takes a quarter of the time, and the sets of a test call the same functions. `VIJAX_CALLS_CHECKED=all` checks all
+# sets, as the nightly run does; `VIJAX_CALLS_UNCHECKED=1` none, where other tests call the same functions.
+_ALL_SETS = os.environ.get("VIJAX_CALLS_CHECKED") == "all"
 if not os.environ.get("VIJAX_CALLS_UNCHECKED"):
     jaxtyping.install_import_hook("vijax", "beartype.beartype")
+_checked: set[str] = set()
 
 pytest.register_assert_rewrite("helpers", "outputs")
 
@@ -49,6 +52,14 @@ def pytest_configure(config: pytest.Config) -> None:
             jax.config.update(name, value)
             os.environ[name.upper()] = str(value)  # for the processes that tests start
         os.environ["VIJAX_PROGRAMS"] = str(config.cache.mkdir("programs"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Check annotations in the first parameter set of a test."""
+    function = item.nodeid.partition("[")[0]
+    jaxtyping.config.update("jaxtyping_disable", function in _checked and not _ALL_SETS)
+    _checked.add(function)
 
 
 @pytest.fixture(scope="module", autouse=True)

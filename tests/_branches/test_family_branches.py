@@ -11,6 +11,8 @@ from vijax._branches.starts import family_of, starting_orbits
 from vijax._flow.modal import ModalFlow
 from vijax._flow.taylor import TaylorFlow
 
+pytestmark = pytest.mark.thorough
+
 SPEED = 0.7
 BOUNDS = {"frequency": (0.5, 1.5), "clearance": (0.3, 0.9)}
 # The same point on two branches, solved to rounding.
@@ -80,7 +82,7 @@ def test_bifurcations_by_eccentricity_are_those_by_amplitude(kind, orbit, of_mac
     np.testing.assert_allclose(own.orbit.x0, other.orbit.x0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("kind", ["gr", "pd"])
+@pytest.mark.parametrize("kind", [pytest.param("gr", marks=pytest.mark.slow), "pd"])
 def test_values_of_bifurcations_have_the_derivatives_of_the_chain_rule(kind, family, branch, of_machine):
     """At a bifurcation e W^2 = A(W), where A is that of the machine: (A' - 2 e W) dW = W^2 de."""
     point, amplitude = point_of(branch, kind), point_of(of_machine, kind)

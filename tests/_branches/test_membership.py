@@ -18,7 +18,8 @@ FREQUENCY = "forcing.frequency"
 def followed():
     """An orbit of one impact a period, and its branch."""
     system = vx.models.impact_oscillator(2.5, damping_ratio=0.02)
-    orbit = vx.periodic_orbit(system, [-0.796289], [0.0600282])
+    # The capacity of other files: one program.
+    orbit = vx.periodic_orbit(system, [-0.796289], [0.0600282], max_events=32)
     return orbit, vx.continuation(orbit, FREQUENCY, (2.4, 2.6), progress=False)
 
 

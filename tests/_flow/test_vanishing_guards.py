@@ -52,6 +52,7 @@ def test_nearly_equal_pendula_part_at_the_lowest_point(change):
     assert sol.num_steps < 2 * FEW_STEPS
 
 
+@pytest.mark.thorough
 def test_lanes_and_units_do_not_matter():
     def at(size):
         sol = vx.simulate(
@@ -64,7 +65,7 @@ def test_lanes_and_units_do_not_matter():
     assert np.all(steps < FEW_STEPS)
 
 
-@pytest.mark.parametrize("num", [2, 3])
+@pytest.mark.parametrize("num", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_cradle_in_touch_takes_the_steps_of_one_with_gaps(num):
     def steps(gap):
         contacts = [vx.Contact({i: 1.0, i + 1: -1.0}, gap, 1.0) for i in range(num - 1)]
@@ -135,7 +136,7 @@ def test_friction_at_its_bound_all_along_does_not_stop_three_blocks():
     assert sol.num_steps < FEW_STEPS
 
 
-@pytest.mark.parametrize("num", [3, 5])
+@pytest.mark.parametrize("num", [3, pytest.param(5, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_a_mass_that_symmetry_keeps_on_its_stop_does_not_delay_the_others(num, restitution):
     stiffness = 2 * np.eye(num) - np.eye(num, k=1) - np.eye(num, k=-1)

@@ -49,6 +49,7 @@ def test_a_contact_of_one_mass_is_a_stop():
     np.testing.assert_allclose(np.asarray(other.events.impulse)[:n], along, rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_a_contact_that_holds_stays_closed_to_rounding():
     sol = vx.simulate(damper(restitution=0.5, amplitude=0.02, mean=[0.0, 0.5]), 0.0, 1000.0)
     assert sol.stuck1.tolist() == [True, False]

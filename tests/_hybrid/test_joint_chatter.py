@@ -57,6 +57,7 @@ def test_joint_chatter_ends_as_its_ever_smaller_bounces_do(machine, found):
     assert max(abs(stick.t - limit.t) for stick in sticks) < LAST_BOUNCES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stack of r = 0.6", "random machine 17"])
 def test_joint_chatter_ends_alike_in_a_machine_with_a_compliant_stop(name):
     """The compliant stop is far away. Followed further, bounces of some machines shrink into the rounding of the gaps, and go on."""

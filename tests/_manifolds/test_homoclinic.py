@@ -41,14 +41,15 @@ def touching_amplitude(frequency, restitution):
 
 
 @pytest.fixture(scope="module")
-def touching():
-    branch = vx.continuation(
-        saddle_of(pendulum(0.45)), "forcing.amplitude[0]", (0.44, 0.4575), progress=False
-    )
-    return vx.homoclinic_tangencies(branch, num_values=4, progress=False)
+def saddles():
+    return vx.continuation(saddle_of(pendulum(0.45)), "forcing.amplitude[0]", (0.44, 0.4575), progress=False)
 
 
-@pytest.mark.slow
+@pytest.fixture(scope="module")
+def touching(saddles):
+    return vx.homoclinic_tangencies(saddles, num_values=4, progress=False)
+
+
 def test_a_pendulum_between_stops_in_closed_form(touching):
     assert sorted(touching["side"].values) == [-1, 1]
     exact = touching_amplitude(1.5, 0.8)
@@ -130,10 +131,6 @@ def test_branches_without_saddles_are_refused():
         vx.homoclinic_tangencies(branch)
 
 
-def test_single_precision_is_refused(touching):
-    del touching
-    branch = vx.continuation(
-        saddle_of(pendulum(0.45)), "forcing.amplitude[0]", (0.449, 0.451), progress=False
-    )
+def test_single_precision_is_refused(saddles):
     with jax.enable_x64(False), pytest.raises(ValueError, match="64"):
-        vx.homoclinic_tangencies(branch)
+        vx.homoclinic_tangencies(saddles)

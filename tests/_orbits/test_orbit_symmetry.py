@@ -9,10 +9,10 @@ import vijax as vx
 pytestmark = pytest.mark.thorough
 
 
-def between_stops(frequency, **more):
-    """A mass between two equal stops: its motion is symmetric at 2, and has lost the symmetry at 1.5."""
-    stops = [vx.Stop(0, 0.5, "upper", 0.8), vx.Stop(0, -0.5, "lower", 0.8)]
-    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([1.0], frequency), stops, **more)
+def between_stops(frequency, lower=-0.5):
+    """A mass between two stops: if these are equal its motion is symmetric at 2, and has lost the symmetry at 1.5."""
+    stops = [vx.Stop(0, 0.5, "upper", 0.8), vx.Stop(0, lower, "lower", 0.8)]
+    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([1.0], frequency), stops)
 
 
 def settled(machine, phase=0.0, num_periods=1):
@@ -22,7 +22,7 @@ def settled(machine, phase=0.0, num_periods=1):
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.0])
-@pytest.mark.parametrize("num_periods", [1, 2])
+@pytest.mark.parametrize("num_periods", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_orbit_is_its_own_image_or_one_of_two(phase, num_periods):
     symmetric, other = (settled(between_stops(w), phase, num_periods) for w in (2.0, 1.5))
     (mirror,) = symmetric.symmetries()
@@ -50,7 +50,7 @@ def test_the_image_is_the_motion_half_a_period_later_turned_around():
 
 
 def test_without_a_symmetry_there_is_no_image():
-    orbit = settled(between_stops(2.0, force=lambda t, x, v, args: 0.01 * x**2))
+    orbit = settled(between_stops(2.0, lower=-0.6))
     assert orbit.symmetries() == ()
     with pytest.raises(ValueError, match="no symmetry"):
         orbit.mirrored()

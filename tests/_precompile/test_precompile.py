@@ -67,7 +67,7 @@ def test_all_calls_can_be_rehearsed():
     assert all(callable(getattr(Rehearsal, name)) for name in CALLS)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_calls_find_the_programs_that_were_made_for_them(store):
     calls = ["simulate", "periodic_orbit"]
     found = vx.precompile(oscillator(), calls, wait=True)

@@ -125,6 +125,7 @@ def test_the_function_is_given_back_to_the_dataset_of_a_family_alone():
         vx.system_of(ds, force=lambda t, x, v, args: x)
 
 
+@pytest.mark.thorough
 def test_functions_of_notebooks_are_known_in_their_process():
     ds = sweep(made_by_cell(), {"w": np.linspace(0.6, 0.7, 3)}, transient=200)
     assert isinstance(vx.system_of(ds), vx.Family)
@@ -132,6 +133,7 @@ def test_functions_of_notebooks_are_known_in_their_process():
     assert orbits.converged.all()
 
 
+@pytest.mark.thorough
 def test_another_process_needs_the_function_or_permission(tmp_path):
     ds = sweep(vx.Family(rotor, frequency=0.8), {"frequency": SPEEDS})
     ds.to_netcdf(tmp_path / "sweep.nc", engine="h5netcdf")
@@ -204,6 +206,7 @@ def test_parts_of_a_sweep_of_a_family_are_joined():
     np.testing.assert_array_equal(vx.combine(parts).x, whole.x)
 
 
+@pytest.mark.thorough
 def test_ensembles_and_sensitivity_vary_the_values():
     family = vx.Family(rotor, frequency=0.8)
     known = {"e": ("eccentricity", scipy.stats.uniform(0.4, 0.1)), "x0[0]": scipy.stats.norm(0.0, 0.01)}

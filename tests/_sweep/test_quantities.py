@@ -145,6 +145,7 @@ def test_what_is_not_known_is_nan():
     assert np.isnan(short.mean_velocity).all()
 
 
+@pytest.mark.thorough
 def test_friction_leaves_the_impulse_of_a_complete_chatter_unknown():
     wall = vx.Harmonic([0.2], 1.0, mean=[2.0])
     system = vx.ImpactSystem(
@@ -203,6 +204,7 @@ def test_quantities_that_do_not_follow_from_the_record_are_refused():
             sweep(machine, {"damping": np.asarray(machine.damping)[None]}, [ENERGY])
 
 
+@pytest.mark.thorough
 def test_impulses_at_rigid_stops_do_not_need_the_others_to_be_rigid():
     stops = [vx.Stop(0, 0.5, "upper", 0.8), vx.CompliantStop(0, -9.0, "lower", 50.0, 0.8)]
     load, names = vx.Harmonic([1.0], 1.0), ["impulse", "dissipated_energy"]

@@ -71,6 +71,7 @@ def test_the_arrays_that_a_value_moves_are_read_off_the_program():
     assert moved_arrays(tower(STIFFNESSES), "stops[0].position") == ["stops[0].position"]
 
 
+@pytest.mark.thorough
 def test_derivatives_pass_through_the_function():
     family = vx.Family(tower, stiffnesses=STIFFNESSES)
 
@@ -89,6 +90,7 @@ def test_derivatives_pass_through_the_function():
     np.testing.assert_allclose(by_name, by_hand[1], rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_jit_and_vmap_take_a_family_like_an_array():
     family = vx.Family(rotor, frequency=0.8)
     ends = jax.jit(jax.vmap(lambda w: vx.simulate(family.at(frequency=w), 0.0, 20.0).x1))(
@@ -278,6 +280,7 @@ def with_cubic(factor):
     )
 
 
+@pytest.mark.thorough
 def test_families_that_differ_in_their_force_alone_are_told_apart():
     first, second = with_cubic(0.1), with_cubic(0.2)
     assert first.program.digest != second.program.digest == with_cubic(0.2).program.digest

@@ -95,6 +95,7 @@ def test_a_parameter_of_a_force_is_swept_by_its_name(by_force):
     ],
     ids=["dict", "dict as in Python", "tuple"],
 )
+@pytest.mark.thorough
 def test_a_number_of_args_is_swept_by_its_name(force, args, path, by_force):
     ds = sweep(force, {path: CUBICS}, args=args)
     assert ds.result.dims == (path,)

@@ -7,7 +7,12 @@ from load_scenes import LoadScene, load_scene_names, scene_of_loads
 import vijax as vx
 
 
-@pytest.fixture(scope="module", params=load_scene_names())
+# Its program takes as long to compile as those of the other scenes together.
+LONG = "wave_and_harmonic_three"
+SCENES = [pytest.param(a, marks=pytest.mark.thorough if a == LONG else []) for a in load_scene_names()]
+
+
+@pytest.fixture(scope="module", params=SCENES)
 def scene(request) -> LoadScene:
     return scene_of_loads(request.param)
 

@@ -151,6 +151,7 @@ def test_a_mass_rests_on_its_stop_in_any_unit_of_time(time):
     np.testing.assert_allclose(end(time), end(1.0), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.thorough
 def test_friction_ends_bounces_on_a_cushion_alike_in_small_units():
     """Bounces fall below 1e-8, and go on: the pull on the mass is as small."""
 

@@ -103,7 +103,7 @@ MACHINES = {
 
 def _marks(name: str, mode: str) -> list:
     """Marks of a case: those that take longest to compile belong to the long runs."""
-    is_quick = (name, mode) in (("contact", "forward"), ("contact", "reverse"), ("compliant stop", "forward"))
+    is_quick = (name, mode) in (("contact", "reverse"), ("compliant stop", "forward"))
     return [pytest.mark.thorough if is_quick else pytest.mark.slow]
 
 

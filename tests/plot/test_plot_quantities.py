@@ -120,6 +120,7 @@ def test_what_is_not_there_to_draw_is_refused_with_what_to_do(ds):
         vx.plot.bifurcation(ds, ordinate="max_position", mass=2)
 
 
+@pytest.mark.thorough
 def test_an_empty_diagram_is_explained():
     system = vx.models.soft_impact_oscillator(0.8)
     ds = vx.sweep(system, {"forcing.frequency": [0.7, 0.8]}, transient=2, record=2, progress=False)

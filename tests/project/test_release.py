@@ -63,6 +63,7 @@ def test_the_paper_has_the_sections_and_the_length_that_the_journal_asks_for():
         "Software design",
         "Research impact statement",
     ]
+    assert "AI usage disclosure" in sections
     assert 750 <= len(text.split()) <= 1750
     cited, known = (
         set(re.findall(r"@(\w+)", text)),

@@ -217,7 +217,13 @@ WEIGHTS = {
 }
 
 
-@pytest.mark.parametrize("name", WEIGHTS)
+LONG_TO_COMPILE = ("beads of different mass", "multi_piston", "percussive_drill")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in LONG_TO_COMPILE else []) for name in WEIGHTS],
+)
 def test_weight_acts_downwards_in_the_picture(name):
     build, positive = WEIGHTS[name]
     system = build()
@@ -272,6 +278,7 @@ def test_a_pendulum_hangs_at_its_angle_and_touches_its_stop_there(angle):
     assert "moment $0.5\\,\\cos(0.7\\,t)$" in words(ax)
 
 
+@pytest.mark.slow
 def test_a_film_of_a_pendulum_is_beside_its_angles():
     system = vx.models.impacting_pendulum(0.7)
     sol = vx.simulate(system, 0.0, 6.0, x0=[-2.0])
@@ -361,6 +368,7 @@ def height_of(patch: Rectangle) -> tuple[float, float]:
     return patch.get_y(), patch.get_y() + patch.get_height()
 
 
+@pytest.mark.thorough
 def test_a_loose_mass_that_rubs_on_its_container_lies_on_a_pad_in_it():
     rubbing = [vx.Friction({1: -1.0, 0: 1.0}, force=0.1), vx.Friction(0, force=0.3)]
     system, x = cavity_with(rigid_ends(), rubbing), np.array([0.1, -0.2])
@@ -398,6 +406,7 @@ def test_friction_between_masses_is_a_pad_between_two_plates(pair, positive):
     assert (centre[1] > 1.0) == (abs(pair[0] - pair[1]) > 1)
 
 
+@pytest.mark.thorough
 def test_a_compliant_end_of_a_mass_or_wall_has_its_spring_damper_and_preload():
     law = {"stiffness": 20.0, "damping": 0.5, "preload": 0.2}
     row, back = {1: 1.0, 0: -1.0}, {0: 1.0, 1: -1.0}
