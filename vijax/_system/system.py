@@ -24,7 +24,15 @@ from .checks import (
 )
 from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
-from .force import BoundForce, acting_force, as_force, bind_args, name_of_force, parametric_of, with_parametric
+from .force import (
+    BoundForce,
+    acting_force,
+    as_force,
+    bind_args,
+    name_of_force,
+    parametric_of,
+    with_parametric,
+)
 from .forcing import Harmonic
 from .friction import Friction
 from .hysteresis import Jenkins, with_stretches
