@@ -39,7 +39,7 @@ def test_the_edges_of_mathieus_chart(flow, error):
     cases = [(n, is_even, q) for n, is_even in numbers for q in (0.5, 2.0, 5.0, 10.0, 20.0)]
     edges = np.array([(mathieu_a if is_even else mathieu_b)(n, q) for n, is_even, q in cases])
     qs = np.array([q for *_, q in cases])
-    states = jax.jit(lambda a: jax.lax.map(lambda at: ends(*at, flow), (a, qs)))
+    states = jax.jit(lambda a: jax.lax.map(lambda at: ends(at[0], at[1], flow), (a, qs)))
     found, after, before = (np.asarray(states(edges + step)) for step in (0.0, 1e-3, -1e-3))
     slopes = (after - before) / 2e-3
     at = [(k, *EDGES[is_even, n % 2]) for k, (n, is_even, _) in enumerate(cases)]
