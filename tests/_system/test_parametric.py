@@ -1,5 +1,7 @@
 """Periodic stiffness and damping: their values, paths, texts and symmetries."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,11 +14,16 @@ K = [[0.3, -0.1], [-0.1, 0.2]]
 TERMS = vx.Parametric(stiffness=[K, np.eye(2)], damping=K, phase=[0.3, 0.7])
 
 
-def machine(terms=TERMS, load=None, stops=(), **more) -> vx.ImpactSystem:
+def machine(terms: Any = TERMS, load=None, stops=(), **more) -> vx.ImpactSystem:
     load = vx.Harmonic([0.5, 0.0], 0.9) if load is None else load
     return vx.ImpactSystem(
         [1.0, 2.0], 0.1 * np.eye(2), np.eye(2), load, list(stops), parametric=terms, **more
     )
+
+
+def terms_of(system: vx.ImpactSystem) -> Any:
+    """Parametric terms of a machine that has some."""
+    return system.parametric
 
 
 @pytest.mark.parametrize(
@@ -39,8 +46,6 @@ def test_wrong_values_are_refused(given, sentence):
 def test_machines_refuse_terms_that_do_not_fit():
     with pytest.raises(ValueError, match="matrices of 1 masses"):
         machine(vx.Parametric([[1.0]]))
-    with pytest.raises(ValueError, match=r"must be a `vx.Parametric`"):
-        machine(np.eye(2))
     with pytest.raises(ValueError, match="give it one"):
         vx.ImpactSystem([1.0], [[0.1]], [[1.0]], parametric=vx.Parametric([[1.0]]))
     record = vx.Tabulated([0.0, 1.0], np.zeros((2, 2)))
@@ -52,16 +57,16 @@ def test_the_force_is_that_of_the_terms():
     x, v, t = np.array([0.3, -0.2]), np.array([0.5, 0.1]), 0.7
     waves = np.cos([0.9 * t + 0.3, 2 * 0.9 * t + 0.7])
     k, c = waves[0] * np.array(K) + waves[1] * np.eye(2), waves[0] * np.array(K)
-    found = machine().parametric(jnp.asarray(t), jnp.asarray(x), jnp.asarray(v))
+    found = terms_of(machine())(jnp.asarray(t), jnp.asarray(x), jnp.asarray(v))
     np.testing.assert_allclose(found, -(k @ x) - c @ v, rtol=1e-15)
 
 
 def test_the_frequency_is_that_of_the_load_unless_there_is_none():
     shared, own = machine(), machine(vx.Parametric(K, frequency=1.8))
     alone = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], parametric=vx.Parametric([[1.0]], frequency=2.0))
-    assert float(shared.parametric.frequency) == 0.9
-    assert float(set_parameter(shared, "forcing.frequency", 1.1).parametric.frequency) == 1.1
-    assert float(set_parameter(own, "forcing.frequency", 1.1).parametric.frequency) == 1.8
+    assert float(terms_of(shared).frequency) == 0.9
+    assert float(terms_of(set_parameter(shared, "forcing.frequency", 1.1)).frequency) == 1.1
+    assert float(terms_of(set_parameter(own, "forcing.frequency", 1.1)).frequency) == 1.8
     assert float(alone.forcing.frequency) == 2.0
     assert float(set_parameter(alone, "parametric.frequency", 1.1).forcing.frequency) == 1.1
 
@@ -71,7 +76,7 @@ def test_numbers_have_paths():
     assert set(names) <= set(parameter_names(machine()))
     np.testing.assert_array_equal(get_parameter(machine(), "parametric.stiffness[1]"), np.eye(2))
     changed = set_parameter(machine(), "parametric.stiffness[0][1][0]", 3.0)
-    assert float(changed.parametric.stiffness[0, 1, 0]) == 3.0
+    assert float(terms_of(changed).stiffness[0, 1, 0]) == 3.0
 
 
 @pytest.mark.parametrize("frequency", [None, 1.8])

@@ -64,9 +64,10 @@ class Parametric(eqx.Module):
         frequency: Numbers | None = None,
         phase: Numbers | None = None,
     ):
-        of = lambda a, name: None if a is None else in_full_precision(as_float(a, name))  # noqa: E731
-        self.stiffness, self.damping = of(stiffness, "stiffness"), of(damping, "damping")
-        self.frequency = of(frequency, "frequency")
+        of = lambda a, name: in_full_precision(as_float(a, name))  # noqa: E731
+        self.stiffness = None if stiffness is None else of(stiffness, "stiffness")
+        self.damping = None if damping is None else of(damping, "damping")
+        self.frequency = None if frequency is None else of(frequency, "frequency")
         given = [len(a) if a.ndim == 3 else 1 for _, a in self._matrices()]
         self.phase = of(np.zeros(max(given, default=0)) if phase is None else phase, "phase")
 

@@ -45,7 +45,7 @@ def with_states(
         The machine of n + m coordinates.
 
     Raises:
-        ValueError: for wrong shapes, or a machine with a `force`.
+        ValueError: for wrong shapes, or a machine with a `force` or `parametric`.
 
     Example:
         ```python
@@ -61,7 +61,7 @@ def with_states(
     """
     if system.force is not None:
         raise ValueError(
-            "`with_states` is for machines without `force`: write this one as `vx.ImpactSystem(..., num_states=m)`, with a force "
+            "`with_states` is for machines without `force` and `parametric`: write this one as `vx.ImpactSystem(..., num_states=m)`, with a force "
             "of all coordinates."
         )
     p, f, n = as_float(dynamics, "dynamics"), as_float(feedback, "feedback"), system.num_masses

@@ -24,7 +24,15 @@ from .checks import (
 )
 from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
-from .force import BoundForce, as_force, bind_args, name_of_force, parametric_of, with_parametric
+from .force import (
+    BoundForce,
+    acting_force,
+    as_force,
+    bind_args,
+    name_of_force,
+    parametric_of,
+    with_parametric,
+)
 from .forcing import Harmonic
 from .friction import Friction
 from .hysteresis import Jenkins, with_stretches
@@ -247,11 +255,7 @@ class ImpactSystem(eqx.Module):
     @property
     def parametric(self) -> Parametric | None:
         """Stiffness and damping that change in time; None if there are none."""
-        terms = parametric_of(self.force)
-        if terms is None or terms.frequency is not None:
-            return terms
-        is_none = lambda leaf: leaf is None  # noqa: E731
-        return eqx.tree_at(lambda p: p.frequency, terms, self.forcing.clock, is_leaf=is_none)
+        return parametric_of(acting_force(self.force, self.forcing.clock))
 
     @property
     def has_full_mass(self) -> bool:
