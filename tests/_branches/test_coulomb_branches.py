@@ -113,8 +113,10 @@ def grip_left(system: vx.ImpactSystem, orbit: vx.PeriodicOrbit) -> float:
     """What the impact leaves of the grip, from the simulated machine."""
     sol = vx.simulate(system, 0.0, orbit.period, orbit.x0, orbit.v0)
     (hit,) = np.flatnonzero(np.asarray(sol.events.kind) == vx.IMPACT)
-    normal, rubbed = (abs(float(a[hit])) for a in (sol.events.impulse, sol.events.friction_impulse))
-    return float(system.friction[0].coefficient) * normal - rubbed
+    normal, rubbed = (
+        abs(float(np.asarray(a)[hit])) for a in (sol.events.impulse, sol.events.friction_impulse)
+    )
+    return float(system.friction[0].slip) * normal - rubbed
 
 
 @pytest.fixture(scope="module")

@@ -294,11 +294,11 @@ def _with_cut_guards(
     kind, stop, duration = _of_flight((sequence.kind, sequence.stop, course.flights), last)
     is_cut = is_first & (k > 0) & (duration > 0)
     mode, following = (_of_flight(sequence.mode, flight) for flight in (last, k))
-    # Friction of a contact begins and ends with that.
-    slid, slides = (
-        _of_guards(sequence, ((a == AHEAD) | (a == BEHIND)) & ((kind == IMPACT) | (other == FREE)))
-        for a, other in ((mode, following), (following, mode))
-    )
+    slides_in = lambda mode: _of_guards(sequence, (mode == AHEAD) | (mode == BEHIND))  # noqa: E731
+    is_jump = is_begin = is_end = kind == IMPACT
+    if course.begins.grip is not None:  # friction of a contact begins and ends with that
+        is_begin, is_end = (is_jump | _of_guards(sequence, a == FREE) for a in (mode, following))
+    slid, slides = slides_in(mode) & is_end, slides_in(following) & is_begin
     opens = (_numbers(mode) == stop) & (mode == CLOSED)
     by_second = kind == OPEN + SECOND
     falls = slid | jnp.concatenate([opens & by_second, opens & (kind == OPEN)])

@@ -49,7 +49,6 @@ from .test_functions import (
 from .tolerances import (
     AT_CORNER,
     FALLING_RATE,
-    LEAST_COSINE,
     ON_BOUND,
     ON_EVENT,
     ORBIT_AT,
@@ -59,6 +58,8 @@ from .tolerances import (
     SHORTER_AT_EVENT,
     SHORTER_BEHIND,
     SHORTEST_STEP,
+    STEP_OFF_LIGHT,
+    TRIALS_AHEAD,
     TRUSTED,
     VANISHING_STICK,
 )
@@ -112,6 +113,10 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> Requests[End]:
         if walk.is_full:
             break
         step, ds = yield from _resolved_step(walk, point, ds, tried)
+        if step is None:
+            step, ds = (yield from _step_to_corner(walk, point)), PROBE_STEP
+        if isinstance(step, End):
+            return step
         if step is None:
             point, ds = (yield from _continue_behind_hop(walk, point)), PROBE_STEP
             continue
@@ -180,7 +185,12 @@ def _add_and_release_hold(
     if not walk.bounds[0] <= event.place.p <= walk.bounds[1]:
         return (yield from _end_at_bound(walk, point, point.place, event, is_event=True))
     end = yield from _add_if_new(walk, event)
-    return (yield from step_off(event)) if end is None else end
+    if end is not None:
+        return end
+    new = yield from step_off(event)
+    if isinstance(new, End) and event.sequence.is_switching:  # the speed of the impact may grow by squares
+        new = yield from step_off(event, lengths=STEP_OFF_LIGHT)
+    return new
 
 
 def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requests[End | None]:
@@ -221,7 +231,7 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
 def _is_at_corner(point: BranchPoint) -> bool:
     """True if friction just stops within an impact: the branch turns back so sharply that no step leads there."""
     left = np.abs(grips(point.sequence, point.seen))
-    return bool(np.nanmin(left, initial=np.inf) < AT_CORNER * np.nanmax(left, initial=0))
+    return bool(np.nanmin(left, initial=np.inf) < AT_CORNER)
 
 
 class Confirmed(NamedTuple):
@@ -256,7 +266,7 @@ def _step(
     if tried is None:
         _, _, tried = yield from ask(PlainSteps(walk, point, point, ds, is_trial=True))
     if tried is None:
-        return (yield from _step_to_corner(walk, point, ds))
+        return None
     new = tried.point
     crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
     met = without_echoes(point.sequence, crossed)
@@ -283,19 +293,19 @@ def _step(
     return Step(last, confirmed, event, special, tried.next_length)
 
 
-def _step_to_corner(walk: DirectedBranch, point: BranchPoint, ds: float) -> Requests[Step | End | None]:
-    """A step to where friction stops within an impact, from where the branch bends so that no step passes; None if there is none."""
-    if point.seen.watched.grip is None:
-        return None
-    new = yield from predicted_point(point, ds)
-    stops = stops_in_impacts(point.sequence, point.seen, new.seen) if new.seen.found.is_converged else []
-    if not stops or crossings(tests_of(point.sequence), point.seen, new.seen):
-        return None
-    first = yield from first_event(point, new, stops)
-    if isinstance(first, End) or first[0] is None or first[1].tangent.along(point.tangent) < LEAST_COSINE:
-        return None
-    specials = yield from special_points(walk, point, first[1])
-    return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
+def _step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step | End | None]:
+    """A step to where friction stops within an impact, where the branch bends so that no step passes; None if there is none."""
+    for ds in TRIALS_AHEAD if _is_at_corner(point) else ():
+        new = yield from predicted_point(point, ds)
+        stops = stops_in_impacts(point.sequence, point.seen, new.seen) if new.seen.found.is_converged else []
+        if not stops or crossings(tests_of(point.sequence), point.seen, new.seen):
+            continue
+        first = yield from first_event(point, new, stops)
+        if isinstance(first, End):
+            continue
+        specials = yield from special_points(walk, point, first[1])
+        return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
+    return None
 
 
 def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:

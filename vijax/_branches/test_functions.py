@@ -341,7 +341,7 @@ def grips(sequence: Sequence, seen: CorrectedCycle) -> Any:
     grip, speeds = seen.watched.grip, seen.found.speeds
     xp = array_namespace(speeds)
     if grip is None:
-        return xp.zeros(0)
+        return np.zeros(0)
     num = len(sequence.kind)
     speeds = xp.where(sequence.kind == IMPACT, speeds[:num], 0)
     is_heavy = speeds > GRIP_OF_BOUNCE * xp.max(speeds, initial=0)

@@ -139,7 +139,7 @@ VANISHING_STICK = 1e-5
 ORBIT_NEAR, ORBIT_AT = 1e-3, 1e-9
 # multiplier: distance from 1 below which it is 1. At a fold without losses a double one keeps half the digits: it is not.
 IS_ONE = 1e-10
-# share: grip that an impact leaves, relative to the largest, within which a branch without steps ends as friction stops there.
+# share: grip that an impact leaves, within which friction just stops there: the branch has a corner.
 AT_CORNER = 1e-6
 # start: distance within which two cycles are the same; within which a cycle has returned to its start.
 SAME_CYCLE, RETURNED = 1e-8, 1e-6

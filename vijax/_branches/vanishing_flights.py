@@ -14,7 +14,7 @@ from .._orbits.sequence import Sequence
 from .degenerate_grazing import vanishing
 from .kinds import Kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, at_parameter
+from .point import BranchPoint, at_parameter, correct_with_free_parameter
 from .requests import Requests
 from .test_functions import TestFunction
 from .tolerances import DOUBLE_ROOT_HOP, HOP_MOVED, HOP_NEAR, SHORT_HOP
@@ -27,6 +27,8 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Re
     """
     for stop, sequence, place in _without_hops(point, flight):
         seen = yield from at_parameter(sequence, place, float(place.p))
+        if not seen.found.is_converged:  # the parameter may be stationary where the hop vanishes
+            seen = yield from correct_with_free_parameter(sequence, place)
         if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > HOP_NEAR:
             continue
         start = BranchPoint.of(sequence, seen, point.arc)

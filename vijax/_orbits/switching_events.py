@@ -41,8 +41,8 @@ class SwitchedEnd(NamedTuple):
         x: positions after the event, (n,).
         v: velocities after it, (n,).
         gap: gaps after it, (contacts,).
-        grip: by how much friction that an impact brings to rest could take a larger impulse, negative where it slips on,
-            (contacts,); -1 for what has no part in an impact. None without friction of contacts.
+        grip: share of its largest impulse that friction which an impact brings to rest does not need, negative where it slips
+            on, (contacts,); -1 for what has no part in an impact. None without friction of contacts.
     """
 
     value: Scalar
@@ -176,8 +176,10 @@ def _grip_left(
     normal = contacts.at_normal(impulse)
     # Where it sticks no velocity is left, and where it slips no impulse: the impulse that would stop it is beyond by this.
     missing = jnp.abs(sliding_velocity(machine, after)) / diagonal(contacts.compliance)
-    left = contacts.laws.coefficient * normal - jnp.abs(impulse) - missing
-    return jnp.where(contacts.are_tied & (normal > 0), left, -1)
+    most = contacts.laws.coefficient * normal
+    left, whole = most - jnp.abs(impulse) - missing, most + jnp.abs(impulse) + missing
+    acts = contacts.are_tied & (normal > 0) & (whole > 0)
+    return jnp.where(acts, left / jnp.where(acts, whole, 1), -1)
 
 
 def switched_instant(
