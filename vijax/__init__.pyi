@@ -8,8 +8,8 @@ from ._attractors.edge_state import edge_state as edge_state
 from ._attractors.follow import follow_attractors as follow_attractors
 from ._attractors.integrity import integrity as integrity
 from ._attractors.tipping import tipping_probability as tipping_probability
-from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
-from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
+from ._branches.bifurcation_value import bifurcation_value as bifurcation_value, peak_height as peak_height
+from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch, Peak as Peak
 from ._branches.branches import branches as branches
 from ._branches.continuation import continuation as continuation
 from ._branches.curve import bifurcation_curve as bifurcation_curve

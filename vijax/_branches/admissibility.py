@@ -330,6 +330,8 @@ def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMa
     """
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     stops = jnp.arange(len(watched.gap))
+    if not len(stops):  # a loop over no rows has no length
+        return Margins(speeds=speeds, gap=watched.gap, force=watched.force, rise=watched.rise)
 
     def at_row(flight: Array, time: Array) -> _GapsAndForces:
         begin = _of_flight(begins, flight)

@@ -4,7 +4,7 @@ import numpy as np
 
 from .._hybrid.limits import CLOSE, IMPACT, RELEASE, SLIP
 from .._orbits.sequence import SECOND, Sequence
-from .branch import Bifurcation, cycle_of
+from .branch import Bifurcation, Peak, cycle_of
 from .defining_systems import (
     AbstractCondition,
     AtBranchPoint,
@@ -17,6 +17,7 @@ from .defining_systems import (
 from .kernels import CorrectedCycle, padded, room_for
 from .kinds import MONITOR, Kind, public_kind
 from .parameter_family import ExtendedCycle, ParameterFamily
+from .peak_setup import peak_condition
 from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
 from .sequence_edits import with_event, with_events_merged, with_slip
@@ -44,7 +45,13 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
             f"The point is a zero of a monitor, {point.kind!r}, and has no curve or value: take one of `branch.bifurcations`."
         )
     _, family, sequence, place = family_at(point, low, high)
-    if point.kind in (Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER):
+    if isinstance(point, Peak):
+        if point.event:
+            raise ValueError(
+                f"The quantity has a kink at this peak, where the branch has a {point.event!r}: take that point of `branch.bifurcations`."
+            )
+        condition = peak_condition(family, sequence, place, point.quantity)
+    elif point.kind in (Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER):
         condition = _at_multiplier(point)
     elif point.kind in (Kind.BRANCH_POINT, Kind.PITCHFORK):
         size = len(place.z)

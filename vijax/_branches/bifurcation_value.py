@@ -1,5 +1,6 @@
 """Parameter value of a bifurcation as a differentiable function of the machine."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -16,8 +17,8 @@ from .._system.parameters import is_parameter
 from .._system.system import AnySystem, varied
 from .admissibility import margins_of_cycle
 from .bifurcation_setup import defining_system_of
-from .branch import Bifurcation
-from .defining_systems import AbstractCondition, DefiningSystem, implicit_solution, solve
+from .branch import Bifurcation, Peak
+from .defining_systems import AbstractCondition, DefiningSystem, height_of, implicit_solution, solve
 from .parameter_family import ExtendedCycle
 from .tolerances import VALUE_ROUNDING
 
@@ -43,7 +44,8 @@ def bifurcation_value(point: Bifurcation, system: AnySystem, *, throw: bool = Tr
     compilation takes a minute.
 
     Args:
-        point: one of `branch.bifurcations`, of kind "fold", "pd", "ns", "bp", "pitchfork", "gr", "double_impact" or "force_zero".
+        point: one of `branch.bifurcations`, of kind "fold", "pd", "ns", "bp", "pitchfork", "gr", "double_impact" or "force_zero";
+            or one of `branch.peaks`.
         system: the machine, with as many masses, the same stops, and a `force` if that of the point has one; its own
             value of the branch's parameter is not used. At a "bp" or "pitchfork" it has the symmetry of the orbits that cross.
         throw: raise if the bifurcation is not found; otherwise its value is NaN, and so are its derivatives by all
@@ -71,7 +73,51 @@ def bifurcation_value(point: Bifurcation, system: AnySystem, *, throw: bool = Tr
         Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 10.3; W. Govaerts, Numerical Methods for
         Bifurcations of Dynamical Equilibria (2000), Ch. 3.
     """
-    refuse_single_precision("bifurcation_value", point.branch.points["x0"], system)
+    return _of_machine_at(point, system, _value, "bifurcation_value", throw=throw)
+
+
+@padding_allowed
+def peak_height(point: Bifurcation, system: AnySystem, *, throw: bool = True) -> Scalar:
+    """Return the height of a peak of a machine, as a differentiable function.
+
+    As `vx.bifurcation_value`, which gives the parameter at the peak: the peak is found anew for each machine. To make a
+    resonance least, descend along this function's gradient.
+
+    Args:
+        point: one of `branch.peaks`.
+        system: as for `vx.bifurcation_value`.
+        throw: likewise.
+
+    Returns:
+        The quantity at the peak, in its units.
+
+    Raises:
+        ValueError: as `vx.bifurcation_value`, or for a point that is no peak.
+        RuntimeError: with `throw`, if Newton's method finds no peak near, or one that no motion of the machine has.
+
+    Example:
+        ```python
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
+        machine = lambda c: vx.ImpactSystem([1.0], [[c]], [[1.0]], vx.Harmonic([1.0], 0.7), [])
+        orbit = vx.periodic_orbit(machine(0.1), [0.0], [0.0])
+        peak = vx.continuation(orbit, "forcing.frequency", (0.5, 1.5), peaks=["max_position"]).peaks[0]
+        jax.grad(lambda c: vx.peak_height(peak, machine(c)))(0.1)
+        ```
+
+    References:
+        J. P. Den Hartog, Mechanical Vibrations (4th ed., 1956), Sec. 3.3.
+    """
+    if not isinstance(point, Peak):
+        raise ValueError(f"Argument `point` must be one of `branch.peaks`, but is {point!r}.")
+    return _of_machine_at(point, system, _height, "peak_height", throw=throw)
+
+
+def _of_machine_at(
+    point: Bifurcation, system: AnySystem, read: Callable, function: str, *, throw: bool
+) -> Scalar:
+    """What is read of a defining system solved for a machine."""
+    refuse_single_precision(function, point.branch.points["x0"], system)
     with concrete_evaluation():
         values = point.branch.values
         defining, guess = defining_system_of(point, float(values.min()), float(values.max()))
@@ -79,7 +125,7 @@ def bifurcation_value(point: Bifurcation, system: AnySystem, *, throw: bool = Tr
     condition, y, number = _solved(stop_gradients(defining), guess)
     solved = replace(defining, condition=condition), y
     # JAX cannot transpose its derivative of an ODE solver; exact flows compile faster without `differentiable`.
-    found = _value(solved) if system.force is None else differentiable(_value, solved)
+    found = read(solved) if system.force is None else differentiable(read, solved)
     return checked(found, number, _SENTENCES) if throw else known_or_nan(number == 0, found)
 
 
@@ -107,6 +153,12 @@ def _value(solved: tuple[DefiningSystem, Array]) -> Scalar:
     """Parameter value of a solved defining system."""
     defining, y = solved
     return defining.place(implicit_solution(defining, y))[0].p * defining.family.span
+
+
+def _height(solved: tuple[DefiningSystem, Array]) -> Scalar:
+    """Height of the peak of a solved defining system."""
+    defining, y = solved
+    return height_of(defining, implicit_solution(defining, y))
 
 
 @compile_lightly

@@ -34,7 +34,7 @@ from .._system.system import AnySystem, bound, machine_of
 from .kernels import CorrectedCycle
 from .kinds import MONITOR, EndKind, public_kind
 from .parameter_family import ExtendedCycle, ParameterFamily
-from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
+from .point import BranchPoint, DirectedBranch, PeakMark, PlainPoint, stacked_cycles
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
 # `_SPARE`: spare room of a log.
@@ -117,6 +117,14 @@ class Branch:
         """Bifurcations of the branch and zeros of its monitors, in their order."""
         _check(self.points)
         return [Bifurcation(self, int(k)) for k in np.flatnonzero(self.points["bifurcation"].values != "")]
+
+    @property
+    def peaks(self) -> list["Peak"]:
+        """Peaks of the quantities that `vx.continuation` was given as `peaks`, in their order; none without."""
+        _check(self.points)
+        if "peak" not in self.points:
+            return []
+        return [Peak(self, int(k)) for k in np.flatnonzero(self.points["peak"].values != "")]
 
     def orbit(self, k: int) -> PeriodicOrbit:
         """Return the orbit at point `k`."""
@@ -313,7 +321,19 @@ def _columns_of_orbits(
             ("point",),
             np.array([public_kind(point.kind) for point in points]),
         ),
+        **_columns_of_peaks(points),
     }
+
+
+def _columns_of_peaks(points: list[BranchPoint | PlainPoint]) -> dict[str, tuple]:
+    """Columns of peaks, if there are any."""
+    marks = [point.peak for point in points]
+    if not any(marks):
+        return {}
+    none = PeakMark("", "", np.nan)
+    names = ("peak", "peak_quantity", "peak_height", "peak_event")
+    columns = zip(*(mark or none for mark in marks), strict=True)
+    return {name: (("point",), np.array(column)) for name, column in zip(names, columns, strict=True)}
 
 
 def _columns_of_events(
@@ -421,6 +441,38 @@ def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room, is_auto
     if is_autonomous:
         return log_and_progression(problem, unknowns, room)
     return log_of_cycle(problem, unknowns, room), progression_of(problem, unknowns)
+
+
+class Peak(Bifurcation):
+    """Peak of a quantity along a branch, as a resonance.
+
+    Attributes:
+        branch: the branch.
+        index: number of the point on it.
+    """
+
+    @property
+    def kind(self) -> str:
+        """Kind of the peak along the branch, "maximum" or "minimum"."""
+        return str(self.branch.points["peak"].values[self.index])
+
+    @property
+    def quantity(self) -> str:
+        """The quantity with the number of its mass, as "max_position[0]"."""
+        return str(self.branch.points["peak_quantity"].values[self.index])
+
+    @property
+    def height(self) -> float:
+        """The quantity at the peak."""
+        return float(self.branch.points["peak_height"].values[self.index])
+
+    @property
+    def event(self) -> str:
+        """Kind of the bifurcation at which the quantity has a kink, as "gr"; "" where it is smooth."""
+        return str(self.branch.points["peak_event"].values[self.index])
+
+    def __repr__(self) -> str:
+        return f"{self.kind} {self.height:.12g} of {self.quantity} at {self.value:.12g} (point {self.index})"
 
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:

@@ -12,16 +12,19 @@ from .._progress import tqdm
 from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
-from .defining_systems import AtEvent, AtGrip, AtTurn, DefiningSystem, Plane
+from .defining_systems import AbstractCondition, AtEvent, AtGrip, AtPeak, AtTurn, DefiningSystem, Plane
 from .kernels import padded, trimmed
 from .kinds import EndKind
 from .parameter_family import ExtendedCycle
+from .peak_quantities import PeakQuantity
+from .peak_setup import extremes_at, is_at_its_extremes, peak_condition
 from .requests import KernelCall, T, location_on, simulation_of
 from .scheduler import answer
 from .sequence_edits import passed_section, shifted
 from .tolerances import (
     CURVE_IS_BACK,
     CURVE_ON_BOUND,
+    CURVE_ZERO,
     FIRST_ON_CURVE,
     LEAST_COSINE,
     LONGEST_ON_CURVE,
@@ -112,11 +115,13 @@ class Curve:
         kind: of the bifurcation.
         box: bounds of both parameters in their scale, (2, 2).
         most: largest number of points.
+        peak: the quantity of a peak, or None.
     """
 
     kind: str
     box: np.ndarray
     most: int
+    peak: PeakQuantity | None = None
 
     def follow(self, begun: CurveState, bar: tqdm, found: list[CurveState]) -> str:
         """Append the points in the direction of `begun` to `found`; return why they end."""
@@ -134,7 +139,11 @@ class Curve:
                 found += points
                 return end
             # An event that passes the start of the cycle only renumbers the events.
-            points[-1] = _in_section(points[-1])
+            points[-1] = _in_section(points[-1], self.peak)
+            if self.peak is not None and (other := at_other_extremes(points[-1], self.peak)) is not None:
+                if isinstance(other, str):
+                    return other
+                points[-1] = other
             if not _is_followed(points[-1]):
                 ds, why = ds / 2, EndKind.LEFT_THE_STOPS
                 continue
@@ -216,7 +225,31 @@ def _is_back(begun: CurvePoint, here: CurvePoint, new: CurvePoint) -> bool:
     return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < CURVE_IS_BACK * np.linalg.norm(way))
 
 
-def _in_section(here: CurveState) -> CurveState:
+def at_other_extremes(here: CurveState, peak: PeakQuantity) -> "CurveState | str | None":
+    """The point with the extremes of its cycle where these lie on other flights than before; why the curve ends, or None."""
+    condition, place = here.defining.condition, trimmed(here.at.place, len(here.sequence.kind))
+    assert isinstance(condition, AtPeak)
+    extremes = extremes_at(here.defining.family, here.sequence, place)
+    if is_at_its_extremes(condition, extremes, peak):
+        return None
+    moved = _begun_with(here, peak_condition(here.defining.family, here.sequence, place, peak.words), place)
+    if moved is None or np.abs(moved.at.place.p - here.at.place.p).max() > CURVE_ZERO:
+        return EndKind.OTHER_EXTREME
+    return moved
+
+
+def _begun_with(here: CurveState, condition: AbstractCondition, place: ExtendedCycle) -> CurveState | None:
+    """The point with another condition that holds there, in the same direction; None if it does not hold."""
+    (_, place) = padded(here.sequence, (place,), len(here.defining.sequence.kind))
+    try:
+        moved = begin_curve(replace(here.defining, condition=condition), place)
+    except ValueError:
+        return None
+    moved = moved._replace(special=here.special)
+    return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
+
+
+def _in_section(here: CurveState, peak: PeakQuantity | None) -> CurveState:
     """The point with all its events between the start of the cycle and its end."""
     sequence, num_periods = here.sequence, float(here.defining.family.num_periods)
     place = trimmed(here.at.place, len(sequence.kind))
@@ -228,6 +261,8 @@ def _in_section(here: CurveState) -> CurveState:
     condition = replace(here.defining.condition, own=here.at.own)
     if isinstance(condition, AtEvent | AtTurn | AtGrip):
         condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
+    if peak is not None:
+        condition = peak_condition(here.defining.family, sequence, place, peak.words)
     (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
     moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)
     moved = moved._replace(special=here.special)

@@ -43,6 +43,8 @@ _NEAR = {
 }
 # Kinds at which branches cross.
 _CROSSINGS = Kind.BRANCH_POINT, Kind.PITCHFORK
+# Kinds whose condition has the angle of a multiplier as its unknown.
+_WITH_ANGLE = Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER
 
 
 class CurveNeighbourhood(NamedTuple):
@@ -165,7 +167,7 @@ def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
     """Finite multipliers on a face without those that define the curve."""
     mu = np.asarray(seen.faces[face].multipliers)
     mu = mu[np.abs(mu) < INFINITE_MULTIPLIER]
-    theta = np.zeros(1) if kind in _CROSSINGS else np.asarray(seen.at.own)  # empty for events
+    theta = np.asarray(seen.at.own) if kind in _WITH_ANGLE else np.zeros(int(kind in _CROSSINGS))
     own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == Kind.NEIMARK_SACKER else theta))
     for value in own[: len(mu)]:
         mu = np.delete(mu, np.argmin(np.abs(mu - value)))

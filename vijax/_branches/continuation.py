@@ -17,6 +17,8 @@ from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, wi
 from .follow import follow_branch
 from .monitors import Monitors, Stop, Watched, WatchedWalk, checked_monitors
 from .parameter_family import ParameterFamily
+from .peak_quantities import PeakQuantity, checked_peak_quantities
+from .peaks import find_peaks
 from .point import BranchPoint, Budget, DirectedBranch
 from .scheduler import drive
 from .starts import Start, families_of, points_of, refuse_start, starting_orbits
@@ -31,6 +33,7 @@ def continuation(
     *,
     max_points: Count = 1000,
     quantities: Quantities = (),
+    peaks: Many[str] = (),
     monitor: Monitors | None = None,
     stop: Stop | None = None,
     step: float | None = None,
@@ -45,6 +48,7 @@ def continuation(
     *,
     max_points: Count = 1000,
     quantities: Quantities = (),
+    peaks: Many[str] = (),
     monitor: Monitors | None = None,
     stop: Stop | None = None,
     step: float | None = None,
@@ -60,6 +64,7 @@ def continuation(
     *,
     max_points: Count = 1000,
     quantities: Quantities = (),
+    peaks: Many[str] = (),
     monitor: Monitors | None = None,
     stop: Stop | None = None,
     step: float | None = None,
@@ -86,6 +91,9 @@ def continuation(
             one cycle, a `vx.Solution`, that return a number or an array, as in `{"energy": f, "x": "max_position"}`. They
             become columns of `branch.points`, NaN where the machine does not follow the orbit, or a run of one cycle
             leaves it because it is too unstable.
+        peaks: names of quantities whose peaks are located, "max_position", "min_position", "peak_to_peak", "max_velocity" or
+            "min_velocity", of every mass, or of one, as "peak_to_peak[1]". They become `branch.peaks`, where the quantity
+            is largest or smallest along the branch, at a resonance for instance, and columns of `branch.points`.
         monitor: names and functions of one cycle, a `vx.Solution`, that return a number, as in `{"energy": f}`. Where one
             passes zero, continuously, the branch has a special point of kind "monitor:energy". Their values become
             columns as well. Two zeros on one step are missed: give a shorter `step`.
@@ -125,10 +133,13 @@ def continuation(
     starts = starting_orbits(orbit)
     refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
 
-    options = following(max_points, monitor, stop, step, tolerance)
-    wanted = {}
+    options, wanted = following(max_points, monitor, stop, step, tolerance), {}
     for start in starts:
-        wanted = checked_cycle_quantities(quantities, start.system) | options.watched.monitors
+        sought = checked_peak_quantities(peaks, start.system.num_masses)
+        named = checked_cycle_quantities(quantities, start.system)
+        wanted = dict.fromkeys(one.name for one in sought)
+        wanted = {name: name for name in wanted} | named | options.watched.monitors
+        options = options._replace(peaks=tuple(sought))
 
     def as_asked(followed: list[Branch | None]) -> Branch | list[Branch]:
         whole = zip(followed, starts, strict=True)
@@ -149,12 +160,14 @@ class Following(NamedTuple):
         watched: monitors and conditions.
         step: longest step, in units of the parameter, or None.
         tolerance: of the corrector.
+        peaks: quantities whose peaks are located.
     """
 
     max_points: int
     watched: Watched
     step: float | None
     tolerance: float
+    peaks: tuple[PeakQuantity, ...] = ()
 
     def longest(self, span: float) -> float:
         """Longest step, along the scaled parameter.
@@ -255,6 +268,9 @@ def follow_branches(
                 if any(options.watched)
             ]
             _follow(walks, [family for family in families for _ in "-+"], both, budget, told, watches)
+            for k, (walk, start) in enumerate(zip(walks, both, strict=True)):
+                if options.peaks:
+                    walk.monitored += find_peaks(walk, families[k // 2], start, options.peaks)
     return result_so_far()
 
 

@@ -14,11 +14,12 @@ from .._progress import interrupt_with_result, says_what_compiles, tqdm
 from .._sweep.short_names import with_labels
 from .._system.parameters import get_parameter
 from .bifurcation_setup import defining_system_of
-from .branch import Bifurcation
+from .branch import Bifurcation, Peak
 from .codim2_continuation import Curve, CurveState, begin_curve
-from .defining_systems import AtBranchPoint, DefiningSystem
+from .defining_systems import AtBranchPoint, DefiningSystem, height_of
 from .kinds import EndKind
 from .parameter_family import ExtendedCycle
+from .peak_quantities import peak_quantity
 from .starts import family_of, starting_orbits
 from .tolerances import CROSSING_KEPT
 
@@ -40,7 +41,8 @@ def bifurcation_curve(
 
     Args:
         point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero";
-            or "pitchfork" or "bp", if the second parameter keeps the symmetry of the orbits that cross.
+            or "pitchfork" or "bp", if the second parameter keeps the symmetry of the orbits that cross. Or one of
+            `branch.peaks`, a resonance for instance, which the curve follows.
         path: the second parameter.
         bounds: lowest and highest values of both parameters, by their paths.
         max_points: largest number of points in each direction.
@@ -51,6 +53,8 @@ def bifurcation_curve(
         `multipliers`, `impact_speed` (event,), and `special`: "" or the name of a special point, "cusp", "1:1", "1:2",
         "1:3", "1:4" (a pair of multipliers at such a root of unity), "resonant_grazing" (a fold or period doubling at
         an impact without speed: curves of orbits of other periods begin there), or the kinds that meet, as "fold+pd".
+        Of a peak also `peak_height`, the quantity. A curve of peaks passes the places where a maximum and a minimum meet, and
+        ends where another extreme of the cycle becomes as high, "other_extreme".
         Attributes: the `kind`, and `ends`, why the curve ends on either side, for instance "bounds", or the name of
         the point beyond which the machine does not follow the orbit.
 
@@ -85,7 +89,10 @@ def bifurcation_curve(
     defining, place = _with_second_parameter(*defining_system_of(point, *box[0]), point, path, box)
     begun = begin_curve(defining, place)
     _check_crossing(begun, path)
-    curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most)
+    peak = (
+        peak_quantity(point.quantity, defining.family.system.num_masses) if isinstance(point, Peak) else None
+    )
+    curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most, peak)
     back: list[CurveState] = []
     forth: list[CurveState] = []
     ends: list[str] = [EndKind.INTERRUPTED, EndKind.INTERRUPTED]
@@ -139,7 +146,14 @@ def _dataset(point: Bifurcation, path: str, found: list[CurveState], ends: list[
         "residual": (("point",), np.array([one.residual for one in at])),
         "special": (("point",), np.array([one.special for one in found])),
     }
-    attrs = {"kind": point.kind, "ends": json.dumps(ends), "num_periods": int(family.num_periods)}
+    named = {}
+    if isinstance(point, Peak):
+        columns["peak_height"] = (
+            ("point",),
+            np.array([float(height_of(one.defining, one.at.y)) for one in found]),
+        )
+        named = {"quantity": point.quantity}
+    attrs = named | {"kind": point.kind, "ends": json.dumps(ends), "num_periods": int(family.num_periods)}
     ds = xr.Dataset(columns, attrs=attrs | versions()).set_coords([point.branch.path, path])
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))

@@ -119,7 +119,7 @@ def corrected_cycles(
         moments: _Moments,
         watched: LeastMargins,
     ) -> CorrectedCycle:
-        equations = _Equations.of(family, sequence, place)
+        equations = CycleEquations.of(family, sequence, place)
         return _with_rates(family, equations, found, place, moments, watched)
 
     return jax.vmap(one)(families, sequences, found, places, moments, watched)
@@ -140,13 +140,13 @@ def as_corrected_cycle(
 def _seen(
     family: ParameterFamily, sequence: Sequence, found: Corrected, place: ExtendedCycle
 ) -> CorrectedCycle:
-    equations = _Equations.of(family, sequence, place)
+    equations = CycleEquations.of(family, sequence, place)
     moments = _moments(family, equations, found, place)
     watched = margins_of_cycle(equations.problem, family.unknowns(place), moments[0][0])
     return _with_rates(family, equations, found, place, moments, watched)
 
 
-class _Equations(NamedTuple):
+class CycleEquations(NamedTuple):
     """Equations of a cycle, linear in the parameter."""
 
     problem: Problem
@@ -154,7 +154,7 @@ class _Equations(NamedTuple):
     p: Scalar
 
     @classmethod
-    def of(cls, family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> "_Equations":
+    def of(cls, family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> "CycleEquations":
         """The equations at the parameter of a cycle."""
         return cls(*family.linear_problem(sequence, place.p), place.p)
 
@@ -170,7 +170,7 @@ _Moments = tuple[tuple[Moment, Array], tuple[Moment, Array]]
 
 
 def _moments(
-    family: ParameterFamily, equations: _Equations, found: Corrected, place: ExtendedCycle
+    family: ParameterFamily, equations: CycleEquations, found: Corrected, place: ExtendedCycle
 ) -> _Moments:
     count = jnp.sum(equations.problem.sequence.is_event)
 
@@ -183,12 +183,12 @@ def _moments(
 def _moments_of(
     family: ParameterFamily, sequence: Sequence, found: Corrected, place: ExtendedCycle
 ) -> _Moments:
-    return _moments(family, _Equations.of(family, sequence, place), found, place)
+    return _moments(family, CycleEquations.of(family, sequence, place), found, place)
 
 
 def _with_rates(
     family: ParameterFamily,
-    equations: _Equations,
+    equations: CycleEquations,
     found: Corrected,
     place: ExtendedCycle,
     moments: _Moments,
@@ -324,7 +324,7 @@ def _equations_at(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
 ) -> Callable[[ExtendedCycle], Array]:
     """Scaled residuals as a function of the cycle, linear in the parameter about that of a place."""
-    equations = _Equations.of(family, sequence, place)
+    equations = CycleEquations.of(family, sequence, place)
 
     def at(place: ExtendedCycle) -> Array:
         found = residual(equations.at(place.p), family.unknowns(place))

@@ -97,3 +97,5 @@ class EndKind(StrEnum):
     NOT_CONVERGED = "not_converged"
     SEVERAL_EVENTS = "several_events"
     LEFT_THE_STOPS = "left_the_stops"
+    # Of a curve of peaks: another extreme of the cycle is as high.
+    OTHER_EXTREME = "other_extreme"

@@ -18,18 +18,16 @@ from .._orbits.autonomous import with_unit
 from .._system.parameters import machine_at
 from .._system.system import AnySystem
 from .._trajectory.solution import Solution
-from .bracket import Bracket, next_trial
 from .branch import Branch, branch_of
 from .cycle_quantities import checked_names, run_of_cycle
-from .kernels import CorrectedCycle, room_for
+from .kernels import room_for
 from .kinds import MONITOR, STOP, EndKind, Kind, PublicKind, public_kind
 from .parameter_family import ParameterFamily
-from .point import BranchPoint, DirectedBranch, End, PlainPoint, between, on_plane
+from .point import BranchPoint, DirectedBranch, PlainPoint
 from .requests import Requests
 from .scheduler import drive
 from .sequence_edits import are_alike
-from .sequence_switching import in_section
-from .tolerances import ZERO
+from .zero_between import zero_between
 
 # Monitors by name, and conditions: kinds of special points, or functions of the branch so far.
 Monitors = Mapping[str, Callable[[Solution], Any]]
@@ -177,10 +175,11 @@ class WatchedWalk:
             if not np.all(np.isfinite(ends)) or (ends[0] > 0) == (ends[1] > 0):
                 continue
 
-            def value_at(point: BranchPoint, name: str = name, one: Callable = one) -> float:
+            def value_at(point: BranchPoint, name: str = name, one: Callable = one) -> Requests[float]:
+                yield from ()  # a run, not one of the kernels
                 return _number(name, one, self._solution(point))
 
-            task = _zero_between(before, after, ends, value_at, self.walk.num_periods)
+            task = zero_between(before, after, ends, value_at, self.walk.num_periods)
             (zero,) = drive([self.family], [task], lambda: None)
             found += [] if zero is None else [zero._replace(kind=MONITOR + name)]
         return sorted(found, key=lambda point: point.arc)
@@ -201,43 +200,3 @@ def _number(name: str, monitor: Callable[[Solution], Any], sol: Solution | None)
             f"{value.dtype} of shape {value.shape}."
         )
     return float(value)
-
-
-def _zero_between(
-    before: BranchPoint,
-    after: BranchPoint,
-    ends: tuple[float, float],
-    value_at: Callable[[BranchPoint], float],
-    num_periods: float,
-) -> Requests[BranchPoint | None]:
-    """The point between two others at which a function of the cycle vanishes; None if it jumps there or has no value."""
-    length, cycle_at = _way_between(before, after)
-    bracket, best, value = Bracket.between(*ends, length), None, np.nan
-    while (s := next_trial(bracket)) is not None:
-        seen = yield from cycle_at(s)
-        arc = before.arc + s / length * (after.arc - before.arc)
-        best = BranchPoint.of(after.sequence, seen, arc)
-        value = value_at(best) if seen.found.is_converged else np.nan
-        if not np.isfinite(value):
-            return None
-        bracket = bracket.narrowed(s, value)
-    if best is None or not abs(value) <= ZERO * max(map(abs, ends)):
-        return None
-    point = yield from in_section(best, num_periods)
-    return None if isinstance(point, End) else point
-
-
-def _way_between(
-    before: BranchPoint, after: BranchPoint
-) -> tuple[float, Callable[[float], Requests[CorrectedCycle]]]:
-    """Length of the way between two points, and the cycle in the plane at a distance from the first.
-
-    The cycles have the sequence of the second point. Where the first has another one, as at an event, the way goes back
-    along the tangent of the second.
-    """
-    if are_alike(before.sequence, after.sequence):
-        length = float(after.place.along(before.tangent) - before.place.along(before.tangent))
-        if length > 0:
-            return length, lambda s: on_plane(before, between(before, after, s / length), s)
-    length = after.arc - before.arc
-    return length, lambda s: on_plane(after, after.place.moved(after.tangent, s - length), s - length)

@@ -14,6 +14,24 @@ from .parameter_family import ExtendedCycle
 from .requests import KernelCall, Requests, ask, simulation_of
 from .tolerances import LONGEST_STEP
 
+MAXIMUM, MINIMUM = "maximum", "minimum"
+
+
+class PeakMark(NamedTuple):
+    """What a peak is of.
+
+    Attributes:
+        kind: `MAXIMUM` or `MINIMUM`.
+        quantity: with its mass.
+        height: the quantity at the peak.
+        event: kind of the bifurcation at which the quantity has a kink; "" where it is smooth.
+    """
+
+    kind: str
+    quantity: str
+    height: float
+    event: str = ""
+
 
 class BranchPoint(NamedTuple):
     """A cycle on a branch.
@@ -25,6 +43,7 @@ class BranchPoint(NamedTuple):
         kind: kind of the bifurcation, or "".
         arc: arclength from the start of the branch.
         is_admissible: True if the machine follows the cycle.
+        peak: the `PeakMark` of a peak, or None.
     """
 
     sequence: Sequence
@@ -33,6 +52,7 @@ class BranchPoint(NamedTuple):
     kind: str
     arc: float
     is_admissible: bool
+    peak: PeakMark | None = None
 
     @classmethod
     def of(cls, sequence: Sequence, seen: CorrectedCycle, arc: float, *, kind: str = "") -> "BranchPoint":
@@ -73,6 +93,10 @@ class PlainPoint(NamedTuple):
     def kind(self) -> str:
         """Always empty: a plain step has no bifurcation."""
         return ""
+
+    @property
+    def peak(self) -> None:
+        """Always None: a peak is found between points, or where a bifurcation is."""
 
     @property
     def is_admissible(self) -> bool:

@@ -73,6 +73,8 @@ FLAT_VALUE, FLAT_CHANGE = 1e-11, 1e-3
 QUADRATIC = 1e-9
 # share: value at a zero relative to that at the ends of its bracket; a function that jumps there has a larger one.
 ZERO = 1e-6
+# cycle: derivative of a quantity along a branch on which it is constant, as the position of a mass at its stop.
+FLAT_PEAK = 1e-8
 # size of the function: value that is zero where others vanish with it by a symmetry: the equations determine its square.
 SQUARE_ZERO = 1e-7
 # cycle: distance of the point just before a change of the sequence.

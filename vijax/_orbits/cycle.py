@@ -164,11 +164,11 @@ def progression_of(problem: Problem, unknowns: Unknowns) -> Float[Array, " n"]:
 
 
 def traverse(
-    problem: Problem, unknowns: Unknowns, count: Int[Array, ""]
+    problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None
 ) -> tuple[Moment, Float[Array, " events"]]:
     """Moments at which the flights begin, (events + 1, ...) each, and the approach speeds at the events.
 
-    Only the first `count` events are traversed, see `over_flights`.
+    Only the first `count` events are traversed, or all if it is None, see `over_flights`.
     """
     machine, flow = problem.machine, problem.flow
 
@@ -177,7 +177,8 @@ def traverse(
         return there, (place, speed)
 
     first = initial_moment(problem, machine, unknowns.z)
-    _, (begins, speeds) = over_flights(one, first, _flights_of(problem, unknowns, count), count + 1)
+    num = None if count is None else count + 1
+    _, (begins, speeds) = over_flights(one, first, _flights_of(problem, unknowns, count), num)
     return begins, speeds[:-1]
 
 
