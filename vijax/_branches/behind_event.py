@@ -95,7 +95,7 @@ def step_off(
     return End(EndKind.SEVERAL_EVENTS)
 
 
-def is_admissible(event: BranchPoint, new: BranchPoint) -> bool:
+def keeps_margins(event: BranchPoint, new: BranchPoint) -> bool:
     """True if no test function has become negative behind an event: a run tells no impact from one of a speed below zero.
 
     The guard of an element whose load others take over may be negative all along.
