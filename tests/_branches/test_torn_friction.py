@@ -127,7 +127,7 @@ def test_friction_may_slip_before_the_stop_closes():
 
 def assert_value_of(point: vx.Bifurcation) -> None:
     """The value as a function of the damping is that of the branch, and its derivative that of differences."""
-    machine = point.branch.system
+    machine = point.orbit.system
 
     def value(damping: float | jax.Array) -> jax.Array:
         return vx.bifurcation_value(point, replace(machine, damping=jnp.reshape(damping, (1, 1))))
@@ -144,7 +144,7 @@ def test_scaled_and_mirrored_machines_have_the_same_branches():
         told = []
         for scale, side in ((1.0, 1), (2.5, -1)):
             system = between_stops(amplitude, scale=scale, side=side)
-            branch = branch_from(system, tuple(scale * bound for bound in bounds))
+            branch = branch_from(system, (scale * bounds[0], scale * bounds[1]))
             found = sorted((point.value / scale, point.kind) for point in branch.bifurcations)
             told.append((branch.ends, [kind for _, kind in found], [value for value, _ in found]))
         one, other = told

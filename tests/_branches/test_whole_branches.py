@@ -281,6 +281,18 @@ def test_a_chatter_has_room_for_its_last_bounces():
         point.orbit.solution()
 
 
+def turns_below_stop(point, phase):
+    """How far below its stop the mass of an oscillator turns, where it comes nearest to it without an impact."""
+    frequency, position = float(point[FREQUENCY]), float(point[POSITION])
+    system = oscillator(frequency, position=position, phase=phase)
+    sol = vx.simulate(system, 0.0, system.forcing.period, point["x0"].values, point["v0"].values)
+    times = np.linspace(0.0, float(system.forcing.period), 20001)
+    x, v = (np.asarray(a)[:, 0] for a in sol.evaluate(times))
+    k = np.flatnonzero((v[:-1] > 0) & (v[1:] <= 0) & (v[:-1] - v[1:] < 0.01))
+    highest = x[k] + v[k] * times[1] * v[k] / (v[k] - v[k + 1]) / 2
+    return float(np.max(highest)) - position
+
+
 def test_branches_and_curves_do_not_depend_on_the_phase_at_which_the_cycle_begins():
     found = []
     for phase, x, v in ((0.0, 0.14675255, 1.58969241), (1.0, -0.50656606, -0.25007669)):
@@ -289,6 +301,9 @@ def test_branches_and_curves_do_not_depend_on_the_phase_at_which_the_cycle_begin
         bounds = {FREQUENCY: (0.9, 1.5), POSITION: (-0.3, 0.5)}
         curve = vx.bifurcation_curve(branch.bifurcations[0], POSITION, bounds, progress=False)
         ends = curve[POSITION].values[[0, -1]]
+        for k in (0, -1):
+            assert np.abs(curve["multipliers"].values[k] + 1).min() < LOCATED
+            assert abs(turns_below_stop(curve.isel(point=k), phase)) < LOCATED
         found.append((branch.ends, kinds(branch), [a for _, a in told(branch)], curve.attrs["ends"], ends))
     one, other = found
     assert one[:2] == other[:2]

@@ -95,7 +95,7 @@ def step_off(
     return End(EndKind.SEVERAL_EVENTS)
 
 
-def is_admissible(event: BranchPoint, new: BranchPoint) -> bool:
+def keeps_margins(event: BranchPoint, new: BranchPoint) -> bool:
     """True if no test function has become negative behind an event: a run tells no impact from one of a speed below zero.
 
     The guard of an element whose load others take over may be negative all along.
@@ -126,7 +126,7 @@ def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:
         seen = yield from corrected(new.sequence, guess, towards, guess.along(towards))
         place = trimmed(seen.found.place, len(new.sequence.kind))
         is_near = np.abs(place.z - event.place.z).max() < NEARER * left
-        is_between = abs(place.p - event.place.p) <= abs(new.place.p - event.place.p)
+        is_between = abs(place.p - event.place.p) <= max(abs(new.place.p - event.place.p), left)
         if not (seen.found.is_converged and is_near and is_between):
             return False
     return True

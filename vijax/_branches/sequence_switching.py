@@ -8,8 +8,8 @@ from .._hybrid.limits import IMPACT
 from .._orbits.sequence import NOTHING, Sequence
 from .behind_event import (
     corrected_on_sequence,
-    is_admissible,
     is_joined,
+    keeps_margins,
     oriented,
     step_off,
     vanishing_with,
@@ -147,7 +147,7 @@ def continue_by_simulation(event: BranchPoint, num_periods: float) -> Requests[B
         new = yield from _on_simulated_events(event._replace(place=guess), followed)
         if are_alike(new.sequence, event.sequence):
             continue  # the event is still ahead
-        is_near = np.abs(new.place.z - guess.z).max() < 10 * ds and is_admissible(event, new)
+        is_near = np.abs(new.place.z - guess.z).max() < 10 * ds and keeps_margins(event, new)
         if is_near and (yield from is_followed(new)) and (yield from is_joined(event, new)):
             return new._replace(kind="", arc=event.arc + ds)
     # Behind a kink the branch may not come to these planes.
@@ -167,7 +167,7 @@ def _at_parameter_beside(event: BranchPoint, dp: float) -> Requests[BranchPoint 
     if new is None or are_alike(new.sequence, event.sequence):
         return None
     away = new.place.distance_of_starts(event.place)
-    if away > 10 * abs(dp) or not is_admissible(event, new) or not (yield from is_joined(event, new)):
+    if away > 10 * abs(dp) or not keeps_margins(event, new) or not (yield from is_joined(event, new)):
         return None
     new = new._replace(arc=event.arc + away)
     return new if new.tangent.p * dp > 0 else new.turned()
