@@ -6,7 +6,6 @@ from load_scenes import LoadScene, load_scene_names, scene_of_loads
 
 import vijax as vx
 
-
 # Its program takes as long to compile as those of the other scenes together.
 LONG = "wave_and_harmonic_three"
 SCENES = [pytest.param(a, marks=pytest.mark.thorough if a == LONG else []) for a in load_scene_names()]
