@@ -229,9 +229,12 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     return End(EndKind.LEFT_THE_STOPS) if grazing is None else End(Kind.GRAZING, grazing)
 
 
-def _hides_stop(test: TestFunction, event: BranchPoint) -> bool:
-    """True if a slip that begins with an impact has no duration because friction sticks in the impact, not just stops."""
-    sequence, grip, k = event.sequence, event.seen.watched.grip, test.index
+def _hides_stop(event: tuple[TestFunction, BranchPoint] | None) -> bool:
+    """True if a slip from an impact has no duration as friction sticks within that, over a whole interval of the step."""
+    if event is None:
+        return False
+    test, at = event
+    sequence, grip, k = at.sequence, at.seen.watched.grip, test.index
     if grip is None or not (test.of_flight and begins_with_contact(sequence, k)):
         return False
     return bool(grip[k - 1, sequence.stop[k]] > AT_CORNER)
@@ -291,9 +294,7 @@ def _step(
     if isinstance(first, End):
         return first
     event, last = first
-    if event is not None and _hides_stop(*event):
-        return None  # friction that stops within an impact over a whole interval of the step
-    if any(is_passed(test, last) for test in crossed if test not in met):
+    if _hides_stop(event) or any(is_passed(test, last) for test in crossed if test not in met):
         return None  # a guard that vanishes before the event with which it seemed to vanish
     specials = yield from special_points(walk, point, last)
     if isinstance(specials, End):
