@@ -298,6 +298,8 @@ def _with_cut_guards(
     is_jump = is_begin = is_end = kind == IMPACT
     if course.begins.grip is not None:  # friction of a contact begins and ends with that
         is_begin, is_end = (is_jump | _of_guards(sequence, a == FREE) for a in (mode, following))
+        # Behind an impact in which it stops it begins at no velocity.
+        is_begin = is_begin & ~_of_guards(sequence, _of_flight(course.begins.grip, k) > 0)
     slid, slides = slides_in(mode) & is_end, slides_in(following) & is_begin
     opens = (_numbers(mode) == stop) & (mode == CLOSED)
     by_second = kind == OPEN + SECOND

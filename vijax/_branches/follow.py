@@ -39,6 +39,7 @@ from .sequence_switching import (
 from .steps import PlainSteps, Tried
 from .test_functions import (
     TestFunction,
+    begins_with_contact,
     crossings,
     grips,
     kind_at,
@@ -228,6 +229,17 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     return End(EndKind.LEFT_THE_STOPS) if grazing is None else End(Kind.GRAZING, grazing)
 
 
+def _hides_stop(event: tuple[TestFunction, BranchPoint] | None) -> bool:
+    """True if a slip from an impact has no duration as friction sticks within that, over a whole interval of the step."""
+    if event is None:
+        return False
+    test, at = event
+    sequence, grip, k = at.sequence, at.seen.watched.grip, test.index
+    if grip is None or not (test.of_flight and begins_with_contact(sequence, k)):
+        return False
+    return bool(grip[k - 1, sequence.stop[k]] > AT_CORNER)
+
+
 def _is_at_corner(point: BranchPoint) -> bool:
     """True if friction just stops within an impact: the branch turns back so sharply that no step leads there."""
     left = np.abs(grips(point.sequence, point.seen))
@@ -282,7 +294,7 @@ def _step(
     if isinstance(first, End):
         return first
     event, last = first
-    if any(is_passed(test, last) for test in crossed if test not in met):
+    if _hides_stop(event) or any(is_passed(test, last) for test in crossed if test not in met):
         return None  # a guard that vanishes before the event with which it seemed to vanish
     specials = yield from special_points(walk, point, last)
     if isinstance(specials, End):

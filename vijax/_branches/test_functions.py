@@ -217,7 +217,7 @@ def frees(sequence: Sequence, seen: Any, guard: int) -> int | None:
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
     """Kind of the bifurcation where event `k` meets the one before it."""
     stop = sequence.stop[k]
-    if k and _begins_with_contact(sequence, k):
+    if begins_with_contact(sequence, k):
         return Kind.IN_IMPACT
     if k == 0 or stop != sequence.stop[k - 1]:
         return Kind.DOUBLE_IMPACT
@@ -235,12 +235,10 @@ def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
     return Kind.CHATTER_COMPLETION if sequence.kind[k] == RELEASE else Kind.DOUBLE_IMPACT
 
 
-def _begins_with_contact(sequence: Sequence, k: int) -> bool:
-    """True if event `k` is the stick of friction that began to slip as an impact closed its contact, one event before."""
-    stop = sequence.stop[k]
-    return bool(
-        sequence.kind[k - 1] == IMPACT and sequence.kind[k] == STICK and sequence.mode[k - 1, stop] == FREE
-    )
+def begins_with_contact(sequence: Sequence, k: int) -> bool:
+    """True if event `k` stops or turns friction that began to slip as an impact closed its contact, one event before."""
+    is_end = k > 0 and sequence.kind[k - 1] == IMPACT and sequence.kind[k] in (STICK, TURN)
+    return bool(is_end and sequence.mode[k - 1, sequence.stop[k]] == FREE)
 
 
 def _has_speed(sequence: Sequence) -> Any:
