@@ -9,6 +9,7 @@ Below the energy at which it first touches a stop a family is a mode of the line
 corrected from a run of the machine at a slightly larger amplitude.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +19,7 @@ import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import Count, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, real_number, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._orbits.autonomous import with_unit
@@ -71,9 +72,9 @@ class _Mode(NamedTuple):
 @padding_allowed
 def nonsmooth_modes(
     system: AnySystem,
-    max_energy: float | None = None,
+    max_energy: Numbers | None = None,
     *,
-    modes: tuple[int, ...] | list[int] | None = None,
+    modes: Sequence[Count] | None = None,
     max_points: Count = 300,
     progress: bool = True,
 ) -> xr.Dataset:
@@ -123,7 +124,11 @@ def nonsmooth_modes(
     if missing := [k for k in chosen if k not in known]:
         raise ValueError(f"Argument `modes` has {missing[0]}, but the modes that vibrate are {[*known]}.")
     touches = [_energy_at(mode, mode.touch) for mode in known.values() if np.isfinite(mode.touch)]
-    highest = max_energy or _MOST * max(touches, default=0.1)
+    highest = (
+        _MOST * max(touches, default=0.1) if max_energy is None else real_number("max_energy", max_energy)
+    )
+    if not 0 < highest < np.inf:
+        raise ValueError(f"Argument `max_energy` must be positive, but is {highest:g}.")
     parts, ends = [], {}
     with tqdm(unit="point", disable=not progress) as bar:
         for k in chosen:
@@ -154,7 +159,7 @@ def _linear_modes(system: ImpactSystem) -> list[_Mode]:
     return found
 
 
-def _energy_at(mode: _Mode, amplitude: float) -> float:
+def _energy_at(mode: _Mode, amplitude: Any) -> Any:
     return (mode.frequency * amplitude) ** 2 / 2
 
 
