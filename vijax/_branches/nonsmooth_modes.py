@@ -285,7 +285,7 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) ->
         if not 0 < count < _ROOM:
             continue
         sequence = trimmed(followed.sequence, count)
-        z = _as_reversible(system, followed.z, int(sequence.stop[-1]))
+        z = _as_reversible(system, np.asarray(followed.z), int(sequence.stop[-1]))
         place = trimmed(ExtendedCycle(z, followed.flights, np.asarray(0.0)), count)
         # The velocity after the event is kept: the family goes on behind the touch to orbits that no machine follows.
         velocity = np.where(np.arange(len(place.z)) < len(fast), 0, place.z)
