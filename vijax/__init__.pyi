@@ -14,6 +14,7 @@ from ._branches.branches import branches as branches
 from ._branches.continuation import continuation as continuation
 from ._branches.curve import bifurcation_curve as bifurcation_curve
 from ._branches.grazing_form import GrazingForm as GrazingForm
+from ._branches.nonsmooth_modes import nonsmooth_modes as nonsmooth_modes
 from ._branches.normal_form import NormalForm as NormalForm
 from ._branches.switch import switch_branch as switch_branch
 from ._charts.chart import chart as chart

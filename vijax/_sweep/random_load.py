@@ -8,7 +8,7 @@ does not let it.) Knots lie close enough that the cubic spline through them is t
 """
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.fft
@@ -102,7 +102,7 @@ def random_load(
             f"A record of length {length:g} with frequencies up to {highest:g} has more than {_MOST} knots: give a lower "
             "`max_frequency`, or a shorter `duration`."
         )
-    size = scipy.fft.next_fast_len(2 * count, real=True)
+    size: Any = scipy.fft.next_fast_len(2 * count, real=True)
     width = 2 * np.pi * count / (length * size)
     middles = width * np.arange(int(np.ceil(highest / width + 0.5)))
     edges = np.minimum(np.append(np.maximum(middles - width / 2, 0), middles[-1] + width / 2), highest)
@@ -110,7 +110,7 @@ def random_load(
     normal = generator_of(rng, None).normal(size=(2, len(middles)))
     waves = deviations * (normal[0] - 1j * normal[1])
     waves[0] = 2 * waves[0].real  # the mean of the record, which `irfft` counts once
-    values = scipy.fft.irfft(waves * (size / 2), size)[: count + 1]
+    values = np.fft.irfft(waves * (size / 2), size)[: count + 1]
     return Tabulated(np.linspace(0.0, length, count + 1), np.outer(values, shares), "cubic")
 
 

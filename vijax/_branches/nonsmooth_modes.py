@@ -1,0 +1,330 @@
+"""Nonsmooth modes: families of periodic motions of a conservative machine, by energy.
+
+Without losses and without a load the orbits of a machine are not isolated: each belongs to a family along which the energy changes.
+A fictitious damper, that of one mass, is the parameter of a branch that keeps its value, 0: a damped orbit cannot repeat. So
+the family is a branch of self-excited cycles, followed by the same walk as all others. The multiplier 1 along the family does not
+make its equations singular, as the damper takes the place of the direction that it stands for.
+
+Below the energy at which it first touches a stop a family is a mode of the linear machine, in closed form. The first point beyond is
+corrected from a run of the machine at a slightly larger amplitude.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import scipy.linalg
+import xarray as xr
+
+from .._dataset_attributes import variable_attributes, versions
+from .._flow.taylor import TaylorFlow
+from .._jax.arrays import Count, Numbers, real_number, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
+from .._machine.numbers import numbers_of
+from .._orbits.autonomous import with_unit
+from .._orbits.rigid_modes import free_drifts, free_shifts
+from .._orbits.sequence import empty_sequence
+from .._progress import says_what_compiles, tqdm
+from .._system.family_description import attributes_of_system
+from .._system.system import AnySystem, ImpactSystem, machine_of
+from .branch import branch_of
+from .conservative import energy_of, refuse_losses
+from .follow import follow_branch
+from .kernels import trimmed
+from .parameter_family import ExtendedCycle, ParameterFamily
+from .point import BranchPoint, DirectedBranch, PlainPoint, corrected, is_followed
+from .requests import Requests, ask, simulation_from
+from .scheduler import drive
+from .tolerances import ORBIT_AT
+
+# Shares by which the first amplitude beyond the touch is larger than that of the touch, tried in turn.
+_BEYOND = (1e-3, 1e-2, 5e-2)
+# Room for the events of the first orbit.
+_ROOM = 12
+# Number of points of a linear mode, from rest to its touch.
+_LINEAR = 20
+# Largest energy of a family that is not told one, as a multiple of that of its touch.
+_MOST = 10.0
+# Columns that no other dataset has.
+_OWN = {
+    "mode": {"long_name": "number of the linear mode"},
+    "energy": {"long_name": "energy"},
+    "frequency": {"long_name": "angular frequency"},
+    "is_stable": {"long_name": "whether no Floquet multiplier lies outside of the unit circle"},
+    "x0": {"long_name": "position at a time of the motion"},
+    "v0": {"long_name": "velocity at that time"},
+}
+# Distance of the modulus of a multiplier from 1 at which rounding decides.
+_ON_CIRCLE = 1e-6
+
+
+class _Mode(NamedTuple):
+    """A linear mode: its number, frequency, shape of modal mass 1, and the amplitude at which it touches a stop."""
+
+    number: int
+    frequency: float
+    shape: np.ndarray
+    touch: float
+
+
+@says_what_compiles
+@padding_allowed
+def nonsmooth_modes(
+    system: AnySystem,
+    max_energy: Numbers | None = None,
+    *,
+    modes: Sequence[Count] | None = None,
+    max_points: Count = 300,
+    progress: bool = True,
+) -> xr.Dataset:
+    """Follow the families of periodic motions of a conservative machine by energy, through impacts.
+
+    Each linear mode continues into a family of periodic motions that hit the stops, a nonsmooth mode: the backbone of the resonances
+    of the machine under a small load and little damping. Bifurcations of the family are not named; where its impacts change, as where
+    another stop is touched, the family goes on with other events.
+
+    Args:
+        system: the machine, without load, damping and friction, its impacts without losses: restitution 1, or compliant stops without
+            damping. At rest it touches no stop.
+        max_energy: energy up to which the families are followed; ten times that at which a mode first touches a stop, if left out.
+        modes: numbers of the linear modes, from 0 in the order of frequencies; all if left out.
+        max_points: largest number of points of a family beyond the first touch.
+        progress: show a bar.
+
+    Returns:
+        A dataset along `point`, family after family, each from rest on: `mode`, `energy`, `period`, `frequency` (angular),
+        `x0` and `v0` (mass,), a state of the motion, `multipliers` (two are 1), `is_stable` (none is larger), `num_impacts` (stop,) of a
+        period, `residual`, and `bifurcation`, "gr" where the events change. Attribute `ends`: why each family ends, "energy", or
+        as for `vx.continuation`, or "several_impacts" where a mode touches several stops at once and is not followed.
+
+    Raises:
+        ValueError: for a machine that loses or gains energy, touches a stop at rest, or has another form; or if 64-bit numbers are off.
+
+    Example:
+        ```python
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
+        stops = [vx.Stop(1, 1.0, "upper", 1.0)]
+        system = vx.ImpactSystem([1.0, 1.0], [[0.0] * 2] * 2, [[2.0, -1.0], [-1.0, 2.0]], None, stops)
+        families = vx.nonsmooth_modes(system, 5.0)
+        ```
+
+    References:
+        G. Kerschen et al., Nonlinear normal modes, Part I, Mech. Syst. Signal Process. 23 (2009) 170; A. Thorin, P. Delezoide &
+        M. Legrand, Nonsmooth modal analysis of piecewise-linear impact oscillators, SIAM J. Appl. Dyn. Syst. 16 (2017) 1710.
+    """
+    machine = machine_of(system)
+    refuse_single_precision("nonsmooth_modes", machine)
+    refuse_losses(machine)
+    most = whole_number("max_points", max_points, 1)
+    found = _linear_modes(machine)
+    chosen = [mode.number for mode in found] if modes is None else [whole_number("modes", k) for k in modes]
+    known = {mode.number: mode for mode in found}
+    if missing := [k for k in chosen if k not in known]:
+        raise ValueError(f"Argument `modes` has {missing[0]}, but the modes that vibrate are {[*known]}.")
+    touches = [_energy_at(mode, mode.touch) for mode in known.values() if np.isfinite(mode.touch)]
+    highest = (
+        _MOST * max(touches, default=0.1) if max_energy is None else real_number("max_energy", max_energy)
+    )
+    if not 0 < highest < np.inf:
+        raise ValueError(f"Argument `max_energy` must be positive, but is {highest:g}.")
+    parts, ends = [], {}
+    with tqdm(unit="point", disable=not progress) as bar:
+        for k in chosen:
+            part, ends[k] = _family(machine, known[k], found, highest, most, bar)
+            parts.append(part.assign(mode=("point", np.full(part.sizes["point"], k))))
+    ds = xr.concat(parts, "point", data_vars="all", coords="minimal", compat="override", join="outer")
+    for name, variable in ds.variables.items():
+        variable.attrs = variable_attributes(str(name)) | _OWN.get(str(name), {})
+    words = ", ".join(f"{k}: {end}" for k, end in ends.items())
+    return ds.assign_attrs(ends=words, **attributes_of_system(machine), **versions())
+
+
+def _matrix(system: ImpactSystem) -> np.ndarray:
+    mass = np.asarray(system.mass)
+    return np.diag(mass) if mass.ndim == 1 else mass
+
+
+def _linear_modes(system: ImpactSystem) -> list[_Mode]:
+    """Modes that vibrate, in the order of their frequencies."""
+    squares, shapes = scipy.linalg.eigh(np.asarray(system.stiffness), _matrix(system))
+    found = []
+    for k, (square, shape) in enumerate(zip(squares, shapes.T, strict=True)):
+        if square > 1e-12 * max(abs(squares)):
+            reach = [abs(float(stop.along(shape))) for stop in system.stops]
+            gaps = [float(stop.gap(0 * shape, np.zeros(()))) for stop in system.stops]
+            least = min((gap / a for gap, a in zip(gaps, reach, strict=True) if a > 0), default=np.inf)
+            found.append(_Mode(k, float(np.sqrt(square)), shape, least))
+    return found
+
+
+def _energy_at(mode: _Mode, amplitude: Any) -> Any:
+    return (mode.frequency * amplitude) ** 2 / 2
+
+
+def _family(
+    system: ImpactSystem, mode: _Mode, modes: list[_Mode], highest: float, most: int, bar: tqdm
+) -> tuple[xr.Dataset, str]:
+    """A family, and why it ends."""
+    reached = np.sqrt(2 * highest) / mode.frequency
+    linear = _linear_part(system, mode, modes, min(mode.touch, reached))
+    if mode.touch >= reached:
+        return linear, "energy"
+    if _touches_several(system, mode):
+        return linear, "several_impacts"
+    family = _parameter_family(system, mode)
+    (start,) = drive([family], [_first_beyond(family, system, mode)], lambda: None)
+    if start is None:
+        return linear, "not_converged"
+    walk, energy = DirectedBranch(family.last_phase, (-1.0, 1.0), most), _Energies(family, system)
+    start = start if _leaves_touch(start) else start.turned()
+    seen = 0
+
+    def tell() -> None:
+        nonlocal seen
+        for point in walk.points[seen:]:
+            if walk.last is None and energy.of(point) > highest:
+                walk.last = point.arc
+        bar.update(len(walk.points) - seen)
+        seen = len(walk.points)
+
+    drive([family], [follow_branch(walk, start)], tell)
+    end = "energy" if walk.last is not None else str(walk.end)
+    points = branch_of(family, start, DirectedBranch(walk.num_periods, walk.bounds, 0), walk).points
+    energies = [energy.of(point) for point in [start, *walk.all_points()]]
+    return xr.concat([linear, _columns(points, energies)], "point", join="outer", data_vars="all"), end
+
+
+def _linear_part(system: ImpactSystem, mode: _Mode, modes: list[_Mode], last: float) -> xr.Dataset:
+    """Points of a linear mode up to an amplitude."""
+    amplitudes = last * np.sqrt(np.arange(1, _LINEAR + 1) / _LINEAR)
+    period, n = 2 * np.pi / mode.frequency, len(mode.shape)
+    angles = np.array([one.frequency * period for one in modes])
+    multipliers = np.exp(1j * np.concatenate([angles, -angles]))
+    multipliers = np.append(multipliers, np.ones(2 * n - len(multipliers)))
+    kinds = np.full(_LINEAR, "", "U32")
+    kinds[-1] = "gr" if last == mode.touch else ""
+    full = lambda a: np.broadcast_to(a, (_LINEAR, *np.shape(a)))  # noqa: E731
+    return xr.Dataset(
+        {
+            "energy": ("point", _energy_at(mode, amplitudes)),
+            "period": ("point", full(period)),
+            "frequency": ("point", full(mode.frequency)),
+            "x0": (("point", "mass"), amplitudes[:, None] * mode.shape),
+            "v0": (("point", "mass"), 0 * full(mode.shape)),
+            "multipliers": (("point", "multiplier"), full(multipliers)),
+            "is_stable": ("point", full(True)),
+            "num_impacts": (("point", "stop"), np.zeros((_LINEAR, len(system.stops)), int)),
+            "residual": ("point", np.zeros(_LINEAR)),
+            "bifurcation": ("point", kinds),
+        }
+    )
+
+
+def _columns(points: xr.Dataset, energies: list[float]) -> xr.Dataset:
+    """Points beyond the touch, with the columns of those before it."""
+    multipliers = points["multipliers"].values
+    finite = np.where(np.isfinite(multipliers), np.abs(multipliers), np.inf)
+    kept = points[["period", "x0", "v0", "multipliers", "num_impacts", "residual", "bifurcation"]].drop_vars(
+        [points.attrs["path"]], errors="ignore"
+    )
+    return kept.assign(
+        energy=("point", np.array(energies)),
+        frequency=("point", 2 * np.pi / points["period"].values),
+        is_stable=("point", (finite < 1 + _ON_CIRCLE).all(axis=1)),
+    ).drop_attrs()
+
+
+def _touches_several(system: ImpactSystem, mode: _Mode) -> bool:
+    """True if a mode touches several stops at one end of its swing at once."""
+    ends = []
+    for stop in system.stops:
+        along = float(stop.along(mode.shape))
+        if (
+            along
+            and abs(float(stop.gap(0 * mode.shape, np.zeros(()))) / abs(along) - mode.touch)
+            < 1e-9 * mode.touch
+        ):
+            ends.append(along > 0)
+    return len(ends) != len(set(ends))
+
+
+def _parameter_family(system: ImpactSystem, mode: _Mode) -> ParameterFamily:
+    """The machine with a fictitious damper, on the mass that moves most."""
+    moved = int(np.argmax(np.abs(mode.shape)))
+    unit = 2 * np.pi / mode.frequency
+    own = jax.tree.map(np.asarray, with_unit(system, unit))
+    numbers, dtype = numbers_of(own), own.stiffness.dtype
+    length = mode.touch * np.abs(mode.shape).max()
+    scale = length * np.repeat([1.0, mode.frequency], len(mode.shape))
+    return ParameterFamily(
+        system=own,
+        flow=TaylorFlow(),
+        num_periods=np.asarray(1, dtype),
+        phase=np.asarray(0, dtype),
+        scale=scale.astype(dtype),
+        span=np.asarray(mode.frequency * _matrix(system)[moved, moved], dtype),
+        tolerance=np.asarray(0, dtype),
+        shifts=np.asarray(free_shifts(numbers)),
+        drift=jax.tree.map(np.asarray, free_drifts(numbers)),
+        path=f"damping[{moved}][{moved}]",
+        is_autonomous=True,
+    )
+
+
+def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) -> Requests[BranchPoint | None]:
+    """The first orbit of a family that hits a stop; None if Newton's method finds none."""
+    room = empty_sequence(_ROOM, len(system.stops), is_switching=system.is_switching)
+    room = jax.tree.map(np.asarray, room)
+    for more in _BEYOND:
+        # From the middle of the swing, over the period of the linear mode.
+        fast = mode.frequency * mode.touch * (1 + more) * mode.shape
+        followed = yield from ask(simulation_from(room, np.concatenate([0 * fast, fast]), 0.0))
+        count = int(np.count_nonzero(followed.sequence.kind >= 0))
+        if not 0 < count < _ROOM:
+            continue
+        sequence = trimmed(followed.sequence, count)
+        z = _as_reversible(system, np.asarray(followed.z), int(sequence.stop[-1]))
+        place = trimmed(ExtendedCycle(z, followed.flights, np.asarray(0.0)), count)
+        # The velocity after the event is kept: the family goes on behind the touch to orbits that no machine follows.
+        velocity = np.where(np.arange(len(place.z)) < len(fast), 0, place.z)
+        weights = ExtendedCycle(velocity / np.linalg.norm(velocity), 0 * place.flights, np.asarray(0.0))
+        seen = yield from corrected(sequence, place, weights, place.along(weights))
+        point = BranchPoint.of(sequence, seen, 0.0)
+        is_family = seen.found.is_converged and abs(float(seen.found.place.p)) < ORBIT_AT
+        if is_family and (yield from is_followed(point)):
+            return point
+    return None
+
+
+def _as_reversible(system: ImpactSystem, z: np.ndarray, stop: int) -> np.ndarray:
+    """A state just after a light contact with a stop, with the velocities that its impulse alone gives.
+
+    The family is made of motions that run backwards as they run forwards, so nothing else moves there.
+    """
+    x, v = np.split(z, 2)
+    row = np.zeros_like(x)
+    for mass, coefficient in system.stops[stop].coefficients.items():
+        row[mass] = float(coefficient)
+    along = np.linalg.solve(_matrix(system), row)
+    return np.concatenate([x, along * (row @ v) / (row @ along)])
+
+
+class _Energies:
+    """Energies of the points of a family."""
+
+    def __init__(self, family: ParameterFamily, system: ImpactSystem):
+        self.family, self.system = family, system
+
+    def of(self, point: BranchPoint | PlainPoint) -> float:
+        """Energy of a point."""
+        own: Any = point.alone() if isinstance(point, PlainPoint) else point
+        return energy_of(self.system, np.asarray(own.seen.start))
+
+
+def _leaves_touch(point: BranchPoint) -> bool:
+    """True if the speed at which the machine meets the stop grows along the tangent."""
+    speeds = point.seen.found.speeds
+    k = int(np.argmax(np.abs(speeds)))
+    return bool(point.seen.rates.speeds[k] * speeds[k] > 0)
