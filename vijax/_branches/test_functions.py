@@ -191,7 +191,7 @@ def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
 def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
     """True if the guard of a test function is least where another event cuts its flight off, see `admissibility.py`."""
     if test.least == "force":
-        return frees(sequence, seen, test.index) is not None
+        return _is_freed(sequence, seen, test.index)
     if test.least != "gap":
         return False
     own = test.index % sequence.mode.shape[1]
@@ -205,13 +205,13 @@ def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
     return bool((np.abs(since) < CUT_AT_ONCE).any())
 
 
-def frees(sequence: Sequence, seen: Any, guard: int) -> int | None:
-    """Number of the event of another element that sets the element of a guard free where the guard is least; else None."""
+def _is_freed(sequence: Sequence, seen: Any, guard: int) -> bool:
+    """True if the event of another element sets the element of a guard free where the guard is least."""
     k, j = int(seen.watched.force_flight[guard]), guard % sequence.mode.shape[1]
     if k >= len(sequence.kind) or sequence.stop[k] == j or sequence.mode[k, j] == sequence.mode[k + 1, j]:
-        return None
+        return False
     since = float(np.cumsum(seen.found.place.flights)[k] - seen.watched.force_time[guard])
-    return k if abs(since) < CUT_AT_ONCE else None
+    return abs(since) < CUT_AT_ONCE
 
 
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
