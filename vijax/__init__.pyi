@@ -59,12 +59,14 @@ from ._precompile.process import Precompilation as Precompilation
 from ._progress import Interrupted as Interrupted
 from ._sections.classify import classify as classify
 from ._sections.impact_table import impacts as impacts
+from ._sections.level_crossings import level_crossings as level_crossings
 from ._sections.lyapunov import lyapunov_exponents as lyapunov_exponents
 from ._sections.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._sections.spectrum import power_spectrum as power_spectrum
 from ._sweep.combine import combine as combine
 from ._sweep.ensemble import ensemble as ensemble
 from ._sweep.provenance import system_of as system_of
+from ._sweep.random_load import random_load as random_load
 from ._sweep.sensitivity import sensitivity as sensitivity
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
@@ -74,6 +76,7 @@ from ._system.family import Family as Family
 from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
 from ._system.friction import Friction as Friction
+from ._system.hysteresis import Jenkins as Jenkins
 from ._system.restitution import (
     AbstractRestitution as AbstractRestitution,
     FallingRestitution as FallingRestitution,

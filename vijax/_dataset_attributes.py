@@ -34,6 +34,10 @@ _MEANINGS = {
     "friction.force": "friction force of slip",
     "friction.static": "largest friction force of stick",
     "friction.velocity": "velocity of the surface",
+    "hysteresis.row": "coefficients of the spring of the element",
+    "hysteresis.stiffness": "stiffness of the element",
+    "hysteresis.limit": "force at which the slider slips",
+    "hysteresis.slider": "slider at the start",
     "stops.motion.amplitude": "amplitude of the motion of the stop",
     "stops.motion.phase": "phase of the motion of the stop",
     "stops.motion.mean": "mean of the motion of the stop",
@@ -67,6 +71,7 @@ _MEANINGS = {
     "impact_rate": "recorded impacts per unit of time",
     "impulse": "sum of the impulses of the impacts in the period",
     "dissipated_energy": "energy that the impacts in the period dissipate",
+    "hysteresis_energy": "energy that the Jenkins element dissipates, a forcing period in the mean",
     "mean_velocity": "mean velocity from the end of the first recorded period to that of the last",
     "held_time": "for how long the stop holds its mass in the period",
     "forcing_period": "period of the load",
@@ -74,6 +79,7 @@ _MEANINGS = {
     "num_impacts": "number of impacts in the recorded periods",
     "num_sticks": "number of sticks in the recorded periods",
     "num_friction_sticks": "number of times that friction came to rest in the recorded periods",
+    "num_slider_sticks": "number of times that the slider came to rest in the recorded periods",
     "sticking": "whether friction sticks at the end",
     "sticking_time": "for how long friction sticks in the period",
     "x": "position",
@@ -94,6 +100,7 @@ _MEANINGS = {
     "x1": "position at the end",
     "v1": "velocity at the end",
     "stuck1": "whether the stop holds its mass at the end",
+    "sliders1": "sliders of the Jenkins elements at the end",
     "sticking1": "whether friction sticks at the end",
     "num_events": "number of logged events",
     "num_steps": "number of steps",
@@ -143,7 +150,18 @@ _MEANINGS = {
 }
 # Dimensions that no variable is named after.
 _DIMENSIONS = (
-    *("stop", "impact", "exponent", "friction", "row", "harmonic", "multiplier", "attractor", "point"),
+    *(
+        "stop",
+        "impact",
+        "exponent",
+        "friction",
+        "hysteresis",
+        "row",
+        "harmonic",
+        "multiplier",
+        "attractor",
+        "point",
+    ),
     *("event", "lane", "distance", "sample", "quantity"),
 )
 _UNITS = {

@@ -156,12 +156,19 @@ def describe_friction(element: Any) -> Description:
     return Description(f"Friction: {_rubbing(element)}{_beside(element.slip, batch)}", [])
 
 
+def describe_hysteresis(element: Any) -> Description:
+    """Describe a Jenkins element on one line."""
+    batch = _batch((element.stiffness, 0), (element.limit, 0))
+    return Description(f"Jenkins: {_slider(element)}{_beside(element.stiffness, batch)}", [])
+
+
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
     """Describe a machine: its matrices, load, stops and force."""
     forcing, stops = system.forcing, system.stops
     laws = [stop.stiffness if stop.is_compliant else stop.light_restitution for stop in stops]
     walls = [(value, 0) for stop, law in zip(stops, laws, strict=True) for value in (stop.position, law)]
     walls += [(element.slip, 0) for element in system.friction]
+    walls += [(element.limit, 0) for element in system.hysteresis]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
     masses = _count(system.stiffness.shape[-1] - system.num_states, "mass", "masses")
     if system.num_states:
@@ -177,15 +184,13 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
         rows.append((f"{name} {j}", f"{whose}{_wall(stop)}"))
     if len(stops) > _STOPS:
         rows.append(("...", _count(len(stops) - _STOPS, "more stop")))
-    for k, element in enumerate(system.friction[:_STOPS]):
-        rows.append((f"friction {k}", _rubbing(element)))
-    if len(system.friction) > _STOPS:
-        rows.append(("...", f"{len(system.friction) - _STOPS} more of friction"))
+    rows += _rows_of("friction", system.friction, _rubbing) + _rows_of(
+        "hysteresis", system.hysteresis, _slider
+    )
     if system.force is not None:
         rows.append(("force", _short(name_of_force(jax.tree.map(_as_number, system.force)))))
     count = _count(len(stops), "stop")
-    if system.friction:
-        count = f"{count}, with friction"
+    count += "".join(f", with {name}" for name in ("friction", "hysteresis") if getattr(system, name))
     return Description(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
 
 
@@ -306,12 +311,25 @@ def _compliance(stop: Any) -> str:
     return ", ".join([f"stiffness {_numbers(stop.stiffness, 0)}", *others])
 
 
+def _rows_of(name: str, elements: Sequence[Any], tell: Callable[[Any], str]) -> list[tuple[str, ...]]:
+    """Rows of a machine about its elements of one kind."""
+    rows = [(f"{name} {k}", tell(element)) for k, element in enumerate(elements[:_STOPS])]
+    more = len(elements) - _STOPS
+    return [*rows, ("...", f"{more} more of {name}")] if more > 0 else rows
+
+
 def _rubbing(element: Any) -> str:
     given = element.static_coefficient if element.is_tied else element.static
     static = "" if given is None else f", static {_numbers(given, 0)}"
     name = f"contact {element.contact}, coefficient" if element.is_tied else "force"
     belt = "" if _is_zero(element.velocity) else f", surface of velocity {_numbers(element.velocity, 0)}"
     return f"of {_sum(element)}, {name} {_numbers(element.slip, 0)}{static}{belt}"
+
+
+def _slider(element: Any) -> str:
+    start = "" if element.slider is None else f", slider at {_numbers(element.slider, 0)}"
+    stiffness, limit = _numbers(element.stiffness, 0), _numbers(element.limit, 0)
+    return f"of {_sum(element)}, stiffness {stiffness}, limit {limit}{start}"
 
 
 def _restitution(value: Any) -> str:

@@ -15,6 +15,7 @@ from helpers import load_scene, log_of, paired
 from problems import one_mass
 
 import vijax as vx
+from vijax._flow.modes import modal_flow
 from vijax._hybrid.sticking_region import StickingRegion
 
 pytestmark = pytest.mark.thorough
@@ -289,7 +290,7 @@ def test_a_sweep_with_a_force_that_calls_libraries_is_carried_along_and_kept(tmp
     ("call", "sentence"),
     [
         (
-            lambda: vx.simulate(duffing(1.0), 0.0, 1.0, flow=vx.TaylorFlow()),
+            lambda: vx.simulate(duffing(1.0), 0.0, 1.0, flow=modal_flow(driven(), can_stick=False)),
             "exact for linear machines alone",
         ),
         (lambda: vx.simulate(driven(), 0.0, 1.0, args=1.0), "the machine has no `force`"),

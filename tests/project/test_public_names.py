@@ -32,8 +32,8 @@ PUBLIC = {
         SimulationError Solution StickingRegion Stop Symmetry TaylorFlow attractors base_excitation basins
         bifurcation_curve bifurcation_value branches chain chart classify combine continuation critical_shock
         edge_state ensemble explore find_periodic_orbits follow_attractors follow_torus homoclinic_tangencies impact_configurations impact_map impacts integrity
-        keep_compiled load lyapunov_exponents manifolds modal_restitution_matrix models monodromy_matrix
-        next_crossing next_impact periodic_orbit periodic_orbits plot power_spectrum Precompilation precompile
+        keep_compiled level_crossings load lyapunov_exponents manifolds modal_restitution_matrix models monodromy_matrix
+        next_crossing next_impact periodic_orbit periodic_orbits plot power_spectrum Precompilation precompile random_load
         restitution_matrix saltation_matrix save sensitivity simulate sticking_region stroboscopic_map
         stroboscopic_section sweep switch_branch system_of
         Tabulated Waveform tipping_probability uncertainty_exponent with_states

@@ -99,7 +99,7 @@ def edge_state(
 
 def _state(shocks: Shocks, name: str, given: Count | tuple[Numbers, Numbers]) -> np.ndarray:
     """State (W x, v) of a start, or on an attractor."""
-    n = shocks.machines.system.num_masses
+    n = shocks.machines.system.num_coordinates
     if not isinstance(given, tuple | list):
         number = whole_number(name, given)
         if number >= len(shocks.motions):

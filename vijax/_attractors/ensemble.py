@@ -102,7 +102,7 @@ class Machines:
     def scale(self, machine: np.ndarray) -> np.ndarray:
         """Factors that turn states (x, v) into (W x, v), (points, 2 n)."""
         rate = self.rate[machine]
-        return np.repeat(np.stack([rate, np.ones_like(rate)], axis=1), self.system.num_masses, axis=1)
+        return np.repeat(np.stack([rate, np.ones_like(rate)], axis=1), self.system.num_coordinates, axis=1)
 
     def run(
         self,
@@ -148,7 +148,7 @@ class Machines:
 
     def after_impacts(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
         """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding."""
-        x = states[:, : self.system.num_masses] / self.rate[machine, None]
+        x = states[:, : self.system.num_coordinates] / self.rate[machine, None]
         # Few of what may be millions of states have an impact there; the others stay as they are.
         judged = (_size_and_gap(stop, x) for stop in self.lanes(machine).stops)
         closed = [np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size for size, gap in judged]
@@ -213,7 +213,7 @@ def frequencies_at(system: AnySystem, values: dict[str, np.ndarray], num_machine
 
 
 def _lanes_at(system: AnySystem, values: dict[str, np.ndarray]) -> ImpactSystem:
-    zero = np.zeros(system.num_masses, as_numpy_float(0.0).dtype)
+    zero = np.zeros(system.num_coordinates, as_numpy_float(0.0).dtype)
     return machine_of(with_values(LaneInput(system, zero, zero), values).system)
 
 

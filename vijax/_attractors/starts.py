@@ -7,7 +7,7 @@ import numpy as np
 
 from .._execution.points import LaneInput
 from .._jax.arrays import Numbers, as_float, as_numpy_float
-from .._orbits.find_many import given_states
+from .._orbits.find_many import all_coordinates, given_states
 from .._sweep.short_names import without_names
 from .._sweep.zipped import START
 from .._system.checks import is_past
@@ -40,14 +40,14 @@ def grid_of_starts(
     v0: Numbers | None,
 ) -> Starts:
     """Product of the values of some start quantities; the others are those of `x0` and `v0`."""
-    n = system.num_masses
+    n, own = system.num_coordinates, system.num_masses
     base = np.zeros((2, n), as_numpy_float(0.0).dtype)
     for row, (name, given) in zip(base, (("x0", x0), ("v0", v0)), strict=True):
         if given is not None:
             known = as_numpy_float(given)
-            if known.shape != (n,):
-                raise ValueError(f"Argument `{name}` must have shape ({n},), but has {known.shape}.")
-            row[:] = known
+            if known.shape not in ((own,), (n,)):
+                raise ValueError(f"Argument `{name}` must have shape ({own},), but has {known.shape}.")
+            row[: len(known)] = known
     whole = LaneInput(system, as_float(np.zeros(n)), as_float(np.zeros(n)))
     by_path, names = without_names(values, whole, free=("x", "v"))
     axes = {path: as_numpy_float(a) for path, a in by_path.items()}
@@ -60,7 +60,17 @@ def grid_of_starts(
         if a.ndim != 1 or not a.size:
             raise ValueError(f"The values of `{path}` must have shape (points,), but have {a.shape}.")
         states[:, _column(whole, path, n)] = a[place]
+    if v0 is None or len(np.asarray(v0)) == own < n:
+        _set_stretches(system, states, {_column(whole, path, n) for path in axes})
     return Starts(states, axes, names)
+
+
+def _set_stretches(system: AnySystem, states: np.ndarray, given: set[int]) -> None:
+    """Let Jenkins elements start with their sliders, but for those whose stretches are given, by column."""
+    n, own = system.num_coordinates, system.num_masses
+    whole = all_coordinates(system, np.concatenate([states[:, :own], states[:, n : n + own]], axis=1))
+    free = [column for column in range(n + own, 2 * n) if column not in given]
+    states[:, free] = whole[:, free]
 
 
 def _column(whole: LaneInput, path: str, n: int) -> int:
@@ -77,7 +87,7 @@ def _column(whole: LaneInput, path: str, n: int) -> int:
 def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Numbers) -> Starts:
     """Starts given one by one."""
     or_else = "a mapping of paths to values, or how many to draw, "
-    states = given_states(starts, system.num_masses, or_else)
+    states = given_states(starts, system, or_else)
     return Starts(states, {START: np.arange(len(states))}, {})
 
 
@@ -100,7 +110,7 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     masses in the recorded periods, twice as large.
     """
     system = machine_of(machines.system)
-    n = system.num_masses
+    n = system.num_coordinates
     if bounds is not None:
         given = as_numpy_float(bounds)
         if (
@@ -124,7 +134,9 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     speed = max(float((machines.rate[0] * x).max()), float(v.max()), float(hits)) or 1.0
     reach = 2 * speed / machines.rate[0]
     box = np.clip(np.stack([rest[0, :n] - reach, rest[0, :n] + reach]), low, high)
-    return np.concatenate([box, 2 * speed * np.array([[-1.0], [1.0]]) * np.ones(n)], axis=1).T
+    fastest = np.full(n, 2 * speed)
+    fastest[system.num_masses :] = [float(element.reach) for element in system.hysteresis]
+    return np.concatenate([box, np.array([[-1.0], [1.0]]) * fastest], axis=1).T
 
 
 def is_beyond(system: ImpactSystem, states: np.ndarray, *, rigid: bool = False) -> np.ndarray:
@@ -140,10 +152,14 @@ def is_beyond(system: ImpactSystem, states: np.ndarray, *, rigid: bool = False) 
 
 
 def slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the stops of each mass at phase 0, infinite where there are none, (n,) each."""
-    ends = {side: np.full(system.num_masses, far) for side, far in (("lower", -np.inf), ("upper", np.inf))}
+    """Positions of the stops of each mass at phase 0, infinite where there are none, (n,) each; 0 of Jenkins elements."""
+    ends = {
+        side: np.full(system.num_coordinates, far) for side, far in (("lower", -np.inf), ("upper", np.inf))
+    }
     for stop in system.stops:
         if stop.slot is not None:
             mass, side = stop.slot
             ends[side][mass] = float(np.asarray(stop.at(0.0)))
+    for end in ends.values():
+        end[system.num_masses :] = 0
     return ends["lower"], ends["upper"]

@@ -17,7 +17,7 @@ _FILL = {"motion": -1, "num_periods": 0, "is_stable": False}
 
 def columns_of(machines: Machines, motions: list[Attractor]) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
     """Variables of each attractor, with the names of their other dimensions."""
-    n, count = machines.system.num_masses, len(motions)
+    n, count = machines.system.num_coordinates, len(motions)
     machine = np.array([motion.machine for motion in motions], int)
     dtype = machines.rate.dtype
 

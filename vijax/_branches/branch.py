@@ -170,7 +170,7 @@ def _check_orbits(points: xr.Dataset, system: AnySystem) -> None:
     """Reject a branch from which no orbit of the machine can be built."""
     period = {} if points.attrs["num_periods"] else {"period": ("point",)}
     check_columns(points, "`branch.points`", _OF_ORBITS | period)
-    sizes, n = points.sizes, system.num_masses
+    sizes, n = points.sizes, system.num_coordinates
     counts = {"mass": n, "stop": system.num_stops, "state": 2 * n, "flight_number": sizes["event"] + 1}
     for dim, count in counts.items():
         if sizes[dim] != count:

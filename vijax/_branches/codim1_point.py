@@ -12,7 +12,7 @@ from .._orbits.cycle import linearise, residual
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import all_shifts
 from .._orbits.search import frame_offset
-from .._orbits.sequence import Sequence
+from .._orbits.sequence import Sequence, num_erased
 from .admissibility import LeastMargins, margins_of_cycle
 from .defining_systems import DefiningSystem, Plane, solve
 from .kernels import jacobian
@@ -102,8 +102,9 @@ def neighbours(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
     """Linearised return of the neighbours of a cycle with these events."""
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     pencil = condense(linearise(problem, unknowns, family.scale)[1]).pencil
+    erased = num_erased(sequence, problem.machine.contacts.num_sliders)
     return LinearisedReturn(
-        floquet_multipliers(pencil, sequence.most_erased, all_shifts(problem.shifts, problem.drift)),
+        floquet_multipliers(pencil, erased, all_shifts(problem.shifts, problem.drift)),
         jnp.linalg.det(jacobian(family, sequence, place)),
         jnp.linalg.svd(jnp.hstack([pencil.end, pencil.start]), compute_uv=False)[-1],
     )

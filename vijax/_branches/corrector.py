@@ -10,7 +10,6 @@ from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of
 from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, condense, solve_condensed
 from .._orbits.cycle import linearise
-from .._orbits.floquet import floquet_multipliers
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
@@ -116,7 +115,7 @@ def correct(
     return Corrected(
         place=last.place,
         tangent=ExtendedCycle(*(a / size_of_tangent for a in last.tangent)),
-        multipliers=floquet_multipliers(last.pencil, sequence.most_erased, family.all_shifts),
+        multipliers=family.multipliers(last.pencil, sequence),
         speeds=last.speeds,
         residual=last.residual,
         first=last.first,
@@ -135,7 +134,7 @@ def evaluate_at(
     return Corrected(
         place=place,
         tangent=tangent,
-        multipliers=floquet_multipliers(pencil, sequence.most_erased, family.all_shifts),
+        multipliers=family.multipliers(pencil, sequence),
         speeds=found.speed,
         residual=jnp.max(jnp.abs(found.closing / family.scale)),
         first=zero,

@@ -24,7 +24,7 @@ from .._sweep.quantities import checked_quantities
 from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import machine_at
 from .._system.system import AnySystem, ImpactSystem, machine_of
-from .._trajectory.simulate import simulate
+from .._trajectory.simulate import simulate_all
 from .._trajectory.solution import RESULTS, Solution
 from .branch import Branch
 from .tolerances import LEFT_ORBIT
@@ -133,7 +133,7 @@ def run_of_cycle(
     """Run of a machine through one cycle from its start, (2 n,); None if it leaves the cycle, or its log is too short."""
     t0, t1 = phase / system.forcing.frequency, num_periods * system.forcing.period
     room = 4 * num_events + _SPARE
-    sol = simulate(system, t0, t0 + t1, *np.split(start, 2), flow=flow, max_events=room, throw=False)
+    sol = simulate_all(system, t0, t0 + t1, *np.split(start, 2), flow=flow, max_events=room, throw=False)
     end = np.concatenate([sol.x1, sol.v1])
     is_whole = bool(sol.result == RESULTS.successful)
     return sol if is_whole and _stays(system, start[None], end[None])[0] else None
@@ -144,7 +144,7 @@ def _stays(system: ImpactSystem, starts: np.ndarray, ends: np.ndarray) -> np.nda
     gap, size = np.abs(ends - starts), np.abs(starts).max(axis=1, keepdims=True)
     drifts = system.num_masses - np.linalg.matrix_rank(np.asarray(system.stiffness))
     if drifts:  # masses without a spring to the ground may move on by the same distance in every cycle
-        gap = gap[:, system.num_masses :]
+        gap = gap[:, system.num_coordinates :]
     return (gap <= LEFT_ORBIT * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
 
 
@@ -179,7 +179,7 @@ class _Cycles:
             quantities=names,
         )
         ends = np.concatenate([run["section_x"][:, -1], run["section_v"][:, -1]], axis=1)
-        n, stays = self.system.num_masses, _stays(machine_of(self.system), starts, ends)
+        n, stays = self.system.num_coordinates, _stays(machine_of(self.system), starts, ends)
         span = self.num_periods * run["forcing_period"].values[:, None]
         if "mean_velocity" in names:
             run["mean_velocity"].values[:] = (ends[:, :n] - starts[:, :n]) / span
@@ -188,7 +188,7 @@ class _Cycles:
     def values_of(self, function: Callable[[Solution], Any]) -> np.ndarray:
         """Values of a function of one cycle, points first; NaN where the run leaves the orbit."""
         runs = [self._solution(k) for k in range(self.points.sizes["point"])]
-        values = [None if sol is None else np.asarray(function(sol), float) for sol in runs]
+        values = [None if sol is None else np.asarray(function(sol.of_masses), float) for sol in runs]
         shape = next((one.shape for one in values if one is not None), ())
         return np.stack([np.full(shape, np.nan) if one is None else one for one in values])
 
@@ -213,7 +213,7 @@ class _Cycles:
         def at_begin(value: Any, x: Any, v: Any) -> Any:
             system = self._machine(value)
             t0, t1 = self.phase / system.forcing.frequency, system.forcing.period
-            sol = simulate(system, t0, t1, x, v, flow=self.flow, max_events=1, throw=False)
+            sol = simulate_all(system, t0, t1, x, v, flow=self.flow, max_events=1, throw=False)
             return jnp.concatenate([sol.x1, sol.v1])
 
         return np.asarray(eqx.filter_jit(jax.vmap(at_begin))(self.points[self.path].values, x, v))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .._trajectory.simulate import simulate
+from .._trajectory.simulate import simulate_all
 from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
@@ -163,5 +163,7 @@ def _states(start: Start) -> np.ndarray:
     x, v = np.split(start.state, 2)
     period = 2 * np.pi / float(start.system.forcing.frequency)
     ts = start.phase / (2 * np.pi) * period + period * np.arange(start.num_periods)
-    sol = simulate(start.system, ts[0], ts[-1], x, v, ts=ts, args=start.args, flow=start.flow, throw=False)
+    sol = simulate_all(
+        start.system, ts[0], ts[-1], x, v, ts=ts, args=start.args, flow=start.flow, throw=False
+    )
     return np.concatenate([sol.xs, sol.vs], axis=1)

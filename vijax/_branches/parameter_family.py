@@ -5,14 +5,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Complex
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals
 from .._machine.machine import Machine
 from .._machine.numbers import numbers_of
+from .._orbits.condensation import Pencil
 from .._orbits.cycle import Problem, Unknowns, prepared
+from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import all_shifts
-from .._orbits.sequence import Sequence
+from .._orbits.sequence import Sequence, num_erased
 from .._system.parameters import machine_at, set_parameter
 from .._system.system import AnySystem, ImpactSystem
 
@@ -99,6 +102,11 @@ class ParameterFamily(eqx.Module):
     def all_shifts(self) -> Reals:
         """The projection onto all shifts whose multiplier is 1."""
         return jnp.asarray(all_shifts(self.shifts, self.drift))
+
+    def multipliers(self, pencil: Pencil, sequence: Sequence) -> Complex[Array, " state"]:
+        """Floquet multipliers of a cycle from the pencil of its neighbours."""
+        erased = num_erased(sequence, len(self.system.hysteresis))
+        return floquet_multipliers(pencil, erased, self.all_shifts)
 
     def problem(self, sequence: Sequence, p: Reals) -> Problem:
         """Equations of a sequence at a parameter."""

@@ -361,7 +361,7 @@ def _band(system: AnySystem, path: str, bounds: tuple[float, float]) -> tuple[fl
     """Lowest and highest frequency of the load between bounds of a parameter that moves it."""
     if not isinstance(system, Family):
         return bounds
-    zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
+    zero = np.zeros(system.num_coordinates, np.asarray(system.mass).dtype)
     lanes = with_values(LaneInput(system, zero, zero), {path: np.linspace(*bounds, _TRIED)})
     frequency = np.asarray(machine_of(lanes.system).forcing.frequency)
     return float(frequency.min()), float(frequency.max())
@@ -374,7 +374,8 @@ def points_of(starts: list[Start], families: list[ParameterFamily]) -> list[Bran
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many
         machine = start.system
-        size = start.num_events, len(machine.stops) + len(machine.friction), machine.is_switching
+        elements = (*machine.stops, *machine.friction, *machine.hysteresis)
+        size = start.num_events, len(elements), machine.is_switching
         if size not in rooms:
             empty = empty_sequence(*size[:2], is_switching=machine.is_switching)
             rooms[size] = jax.tree.map(np.asarray, empty)

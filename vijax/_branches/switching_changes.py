@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .._hybrid.limits import IMPACT, OPEN, STICK, TURN
-from .._machine.state import AHEAD, BEHIND
+from .._machine.state import AHEAD, BEHIND, SPRING
 from .._orbits.sequence import SECOND, Sequence
 from .behind_event import (
     corrected_on_sequence,
@@ -20,7 +20,7 @@ from .parameter_family import ExtendedCycle
 from .point import BranchPoint, End, is_followed
 from .requests import Requests
 from .sequence_edits import with_contact, with_event, with_events_merged, with_other_kind
-from .test_functions import TestFunction
+from .test_functions import OF_STOPS, TestFunction
 from .tolerances import EVENTS_AT_ONCE, NEW_CONTACTS, STEP_OFF_LIGHT
 
 # Bifurcations at which a stick, or a slip between two, has no duration.
@@ -33,6 +33,8 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     """Continue behind an event on the new sequence; None where that changes as without friction and compliant contacts."""
     if event.kind == Kind.DOUBLE_IMPACT and not test.of_flight:
         return End(Kind.DOUBLE_IMPACT)  # the cycle has not yet one of the two events
+    if _is_of_slider(event.sequence, test):
+        return End(test.kind)  # the machine tells what follows
     together = vanishing_with(event, test)
     if test.kind == Kind.TOUCH:
         new = yield from _with_impacts(event, together)
@@ -43,6 +45,15 @@ def by_switching(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     if _stops_at_impact(event.sequence, test):
         return (yield from _with_other_slip(event, test.index))
     return (yield from _with_merged_events(event, test, together))
+
+
+def _is_of_slider(sequence: Sequence, test: TestFunction) -> bool:
+    """True for an event of a Jenkins element, alone or with another one."""
+    num = sequence.mode.shape[1]
+    is_guard = not test.of_flight and test.kind in (*OF_STOPS, Kind.GRAZING_SLIDING, Kind.ADDING_SLIDING)
+    k = test.index
+    stops = [k % num] if is_guard else [sequence.stop[i] for i in ((k - 1, k) if test.of_flight else (k,))]
+    return bool((sequence.mode[:, stops] == SPRING).any())
 
 
 def _with_impacts(event: BranchPoint, stops: list[int]) -> Requests[BranchPoint | End]:

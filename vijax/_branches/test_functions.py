@@ -8,7 +8,7 @@ import numpy as np
 
 from .._hybrid.limits import CLOSE as CLOSING, IMPACT, OPEN, RELEASE, TURN
 from .._jax.arrays import array_namespace
-from .._machine.state import AHEAD, BEHIND, STICKING
+from .._machine.state import AHEAD, BEHIND, SPRING, STICKING
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
@@ -158,7 +158,7 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
             rate = lambda seen, k=k: float(seen.found.tangent.flights[k])  # noqa: E731
             found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True, rate=rate))
     num = sequence.mode.shape[1]
-    slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING)), axis=0).tolist()
+    slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING, SPRING)), axis=0).tolist()
     for j in range(2 * num):
         is_friction = slides[j % num]
         kind = Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO
@@ -200,6 +200,12 @@ def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
     if k == 0 or stop != sequence.stop[k - 1]:
         return Kind.DOUBLE_IMPACT
     before, between, after = (sequence.mode[i, stop] for i in (k - 1, k, k + 1))
+    if SPRING in (
+        before,
+        between,
+        after,
+    ):  # a slip of no duration of a Jenkins element, or a stick between two
+        return Kind.GRAZING_SLIDING
     if between == STICKING:  # a stick of no duration
         return Kind.GRAZING_SLIDING if before == after else Kind.CROSSING_SLIDING
     if after == STICKING:

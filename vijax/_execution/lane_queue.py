@@ -162,7 +162,7 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
             knots=None if knots is None else knots.blank(real),
         )
         counts = of_stops.astype(int), of_stops.astype(int)
-        observed = nothing_observed(program.observed, state, num_stops)
+        observed = nothing_observed(program.observed, state, num_stops, points.numbers.num_sliders)
         goals = whole if program.is_timed else None
         return EndStates(state, *counts, of_stops, whole, whole.astype(bool), None, observed, goals)
 
@@ -311,7 +311,12 @@ def _started(points: Points, task: LaneTask, queue: Queue) -> EndStates:
         steps=jnp.zeros_like(lanes.steps),
         is_finite=jnp.ones_like(lanes.is_finite),
         tangents=None if lanes.tangents is None else first_tangents(lanes.state.x),
-        observed=nothing_observed(tuple(lanes.observed), lanes.state, task.machine.contacts.num_stops),
+        observed=nothing_observed(
+            tuple(lanes.observed),
+            lanes.state,
+            task.machine.contacts.num_stops,
+            task.machine.contacts.num_sliders,
+        ),
         goals=None if lanes.goals is None else jnp.zeros_like(lanes.goals),
     )
     return jax.tree.map(lambda new, old: jnp.where(queue.is_new, new, old), fresh, lanes)

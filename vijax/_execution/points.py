@@ -53,12 +53,12 @@ def with_values(base: LaneInput[Any], swept: dict[str, np.ndarray]) -> LaneInput
     """`points_of_lanes` without its checks."""
     points, own = lanes_with_values(base, swept), base.system
     if not isinstance(own, Family):
-        return points
+        return LaneInput(points.system, *points.system.start_of(points.x0, points.v0))
     numbers: tuple = points.system.numbers
     moved = {i for path in swept for i in find_parameter(base, path).leaves if i < len(own.numbers)}
     lanes = {i: numbers[i] for i in moved}
     machines = own.program.machines(own.bound_system, own.numbers, lanes)
-    return LaneInput(machines, points.x0, points.v0)
+    return LaneInput(machines, *machines.start_of(points.x0, points.v0))
 
 
 def lanes_with_values(base: LaneInput[System], swept: dict[str, np.ndarray]) -> LaneInput[System]:

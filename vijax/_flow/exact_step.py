@@ -113,39 +113,22 @@ class ExpandingFlow(AbstractFlow):
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
         """Take the longest step proved free of events, and land on an event close to its end."""
         hold = machine.hold(state.held)
-        ahead = remaining + resolution
         motion = compute_once(self.expand, machine, state, hold)
-        limit, rests = jnp.minimum(ahead, motion.limit), None
-        if machine.contacts.is_coupled:
-            rests = compute_once(guard_rests, machine, state, motion, hold, limit)
-        find = switching_step if machine.contacts.is_switching else _safe_step
-        step, is_root = compute_once(find, machine, state, motion, hold, limit, rests)
-        is_last = step >= remaining
-        step = jnp.where(is_last, remaining, step)
-        moved = compute_once(_move, machine, state, motion, hold, step)
-        series = compute_once(_near_future, machine, moved, hold)
-        idle = None if rests is None else is_idle(moved, machine) | rests.vanishes
-        delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step, idle)
-        delay = smallest(delays)
-        is_event = (delays <= delay + simultaneity_tolerance(machine)) & (delays < jnp.inf)
-        # Not before the start of the step: events of one instant come in causal order.
-        delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -step), 0)
-        landed = compute_once(_land, machine, moved, series, delay)
-        return Flight(landed, step + delay, events_of_steps(machine, landed, is_event), is_last)
+        return flight_along(machine, state, motion, hold, remaining, resolution)
 
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Expand the motion, then move."""
         motion = compute_once(self.expand, machine, state, hold)
-        return compute_once(_moved, machine, state, motion, hold, step)
+        return compute_once(move_along, machine, state, motion, hold, step)
 
     def inside(
         self, machine: Machine, state: State, hold: Held
     ) -> Callable[[Scalar], tuple[Array, Array, Array]]:
         """Expand the motion once."""
         motion = compute_once(self.expand, machine, state, hold)
-        return partial(_moved, machine, state, motion, hold)
+        return partial(move_along, machine, state, motion, hold)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Step as far as the expansion is valid."""
@@ -153,6 +136,53 @@ class ExpandingFlow(AbstractFlow):
         motion = self.expand(machine, state, hold)
         step = jnp.minimum(remaining, motion.limit)
         return _move(machine, state, motion, hold, step), step
+
+
+def flight_along(
+    machine: Machine,
+    state: State,
+    motion: Expansion,
+    hold: Held,
+    remaining: Scalar,
+    resolution: Scalar,
+    *,
+    near_future: Callable | None = None,
+    near: Machine | None = None,
+    until: Scalar | None = None,
+) -> Flight:
+    """Flight along an expansion: the longest step proved free of events, landed on an event close to its end.
+
+    Args:
+        machine: the machine as arrays.
+        state: state at the start.
+        motion: expansion there.
+        hold: contacts that hold.
+        remaining: time left to the target.
+        resolution: times closer than this are one instant.
+        near_future: function of machine, state and hold: the first Taylor coefficients there; of a linear machine if left out.
+        near: the machine with the time scale of its motion now; that of the machine if left out.
+        until: time beyond which the expansion and the near future are of no use; none if left out.
+    """
+    near, near_future = near or machine, near_future or _near_future
+    ahead = remaining + resolution
+    limit, rests = jnp.minimum(ahead, motion.limit), None
+    if machine.contacts.is_coupled:
+        rests = compute_once(guard_rests, near, state, motion, hold, limit)
+    find = switching_step if machine.contacts.is_switching else _safe_step
+    step, is_root = compute_once(find, near, state, motion, hold, limit, rests)
+    is_last = step >= remaining
+    step = jnp.where(is_last, remaining, step)
+    moved = compute_once(_move, machine, state, motion, hold, step)
+    series = compute_once(near_future, machine, moved, hold)
+    idle = None if rests is None else is_idle(moved, machine) | rests.vanishes
+    ahead = ahead if until is None else jnp.minimum(ahead, until)
+    delays = compute_once(_delays, near, moved, series, hold, is_root, ahead - step, idle)
+    delay = smallest(delays)
+    is_event = (delays <= delay + simultaneity_tolerance(machine)) & (delays < jnp.inf)
+    # Not before the start of the step: events of one instant come in causal order.
+    delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -step), 0)
+    landed = compute_once(_land, machine, moved, series, delay)
+    return Flight(landed, step + delay, events_of_steps(machine, landed, is_event), is_last)
 
 
 def _safe_step(
@@ -231,10 +261,10 @@ def _bound_of(
 
 def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> State:
     """State after the smooth motion over `step`."""
-    return state_after_step(machine, state, *_moved(machine, state, motion, hold, step), step)
+    return state_after_step(machine, state, *move_along(machine, state, motion, hold, step), step)
 
 
-def _moved(
+def move_along(
     machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar
 ) -> tuple[Array, Array, Array]:
     """Displacement, velocities and change of the phase after `step`, with the rows that hold kept closed."""

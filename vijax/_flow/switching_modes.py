@@ -4,8 +4,8 @@ Slip is a constant load and leaves the modes. Friction that sticks, a rigid cont
 preloaded compliant contact hold a mass. A closed compliant contact on a mass that moves adds its spring and damper.
 
 `switching_modal_flow` returns None where this does not apply: traced numbers of matrices and springs; rows that name several
-masses; belts and contacts that move; friction of contacts; more than 8 sets or 2 elements; or where the modes of a set lose digits,
-see `modes.py`. `TaylorFlow` serves these machines.
+masses; belts and contacts that move; friction of contacts; Jenkins elements, whose stretches are no modes; more than 8 sets or 2
+elements; or where the modes of a set lose digits, see `modes.py`. `TaylorFlow` serves these machines.
 """
 
 from itertools import combinations
@@ -28,7 +28,13 @@ def switching_modal_flow(
     """Tabulate the modes of all sets, or return None; arguments as `modal_flow` takes them."""
     known = [concrete(a) for a in (system.mass, system.damping, system.stiffness)]
     matrices, elements = [a for a in known if a is not None], _elements(system)
-    if is_by_tables(system) or elements is None or len(matrices) < len(known) or system.has_full_mass:
+    if (
+        is_by_tables(system)
+        or system.hysteresis
+        or elements is None
+        or len(matrices) < len(known)
+        or system.has_full_mass
+    ):
         return None
     with concrete_evaluation():
         has_lanes = matrices[0].ndim == 2

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -21,9 +22,43 @@ _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
 
 
 class TaylorFlow(ExpandingFlow):
-    """Exact motion of a linear machine: its Taylor series, to rounding."""
+    """Motion by Taylor series: exact for a linear machine, to a tolerance for one with a `force`.
+
+    A linear machine has its series to rounding, whatever the arguments are. A `force` is traced once, and its operations
+    give the series of the motion order by order. Steps are as long as the last two orders allow, and as the derivatives
+    of the motion by its start allow. It is refused with the name of the operation where a force has no series.
+
+    Args:
+        order: last order of the series of a machine with a `force`.
+        tolerance: bound of the last terms in a step of such a machine, relative to the motion in the step.
+
+    Raises:
+        ValueError: for an order that is not a whole number from 6 to 40, or a tolerance that is not between 0 and 1.
+
+    Example:
+        ```python
+        import vijax as vx
+        pendulum = vx.ImpactSystem(
+            [1.0], [[0.1]], [[0.0]], vx.HarmonicForcing([0.3], 1.2), [vx.Stop(0, 0.5, 0.8)],
+            force=lambda t, x, v, args: -args["g"] * vx.jnp.sin(x),
+        )
+        sol = vx.simulate(pendulum, 0.0, 50.0, args={"g": 1.0}, flow=vx.TaylorFlow(order=20, tolerance=1e-14))
+        ```
+
+    References:
+        A. Jorba and M. Zou, Exp. Math. 14 (2005), 99-117.
+    """
 
     has_flow_map: ClassVar[bool] = True
+
+    order: int = eqx.field(static=True, default=16)
+    tolerance: float = eqx.field(static=True, default=1e-12)
+
+    def __check_init__(self):
+        if not (isinstance(self.order, int) and 6 <= self.order <= 40):
+            raise ValueError(f"Argument `order` must be a whole number from 6 to 40, but is {self.order!r}.")
+        if not (isinstance(self.tolerance, float) and 0 < self.tolerance < 1):
+            raise ValueError(f"Argument `tolerance` must be between 0 and 1, but is {self.tolerance!r}.")
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "TaylorExpansion":
         """Compute the Taylor series of the motion at `state`."""

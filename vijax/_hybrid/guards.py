@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._machine.switching import COMPLIANT, FRICTION, RIGID
+from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
 from .compliant_limits import DEPTH, LAG, LOAD, SPRING
 from .friction_limits import (
     GRIP,
@@ -21,6 +21,7 @@ from .friction_limits import (
     TIED_BEHIND,
     is_sticking,
 )
+from .hysteresis_limits import STRETCH_AHEAD, STRETCH_BEHIND
 from .limits import FORCE, GAP, Limit, limits_of
 
 # Second guard of an element whose mode ends in one way only.
@@ -41,6 +42,7 @@ _GUARDS = {
     RIGID: ((GAP, FORCE), (_NONE,)),
     COMPLIANT: ((GAP, FORCE, DEPTH), (_NONE, SPRING, LAG, LOAD)),
     FRICTION: ((SLIDING, GRIP_AHEAD), (_NONE, GRIP_BEHIND)),
+    JENKINS: ((SLIDING, STRETCH_AHEAD), (_NONE, STRETCH_BEHIND)),
 }
 _OF_TIED_FRICTION = (SLIDING, TIED_AHEAD), (_NONE, TIED_BEHIND)
 
@@ -68,7 +70,9 @@ def _once(limits: list[Limit]) -> list[Limit]:
 def has_one_guard(machine: Machine) -> bool:
     """True for machines whose elements all have one guard in exact steps: both ends of a grip are one there."""
     contacts = machine.contacts
-    return not contacts.is_switching or not (COMPLIANT in contacts.laws.kinds or contacts.laws.is_tied)
+    if not contacts.is_switching:
+        return True
+    return not {COMPLIANT, JENKINS} & set(contacts.laws.kinds) and not contacts.laws.is_tied
 
 
 def guards_of_steps(machine: Machine) -> tuple[tuple[Limit, ...], ...]:

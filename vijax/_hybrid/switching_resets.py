@@ -1,4 +1,4 @@
-"""Resets of machines with friction or compliant contacts, at events and at the start.
+"""Resets of machines with friction, Jenkins elements or compliant contacts, at events and at the start.
 
 Impacts come first, by the law of `coupled_impacts.py` among rigid contacts: friction and springs give no impulse. Then
 compliant contacts close and open, and friction arrives at rest or is torn off. At last all elements at rest are decided
@@ -17,13 +17,14 @@ from .._jax.concrete import stop_gradients
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
 from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State, laws_as_numbers
-from .._machine.switching import COMPLIANT, FRICTION, RIGID
+from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._system.checks import is_touching
 from .coupled_impacts import impact
 from .decision import AtRest, Decision, decide
 from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
 from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
+from .hysteresis_limits import at_limits, sliders_driven, sliders_settled
 from .sticking import usual_speeds
 from .tied_friction import loaded, unloaded
 from .transition import Instant, Switches, no_switches
@@ -41,8 +42,8 @@ def first_state(
     compliant, friction = contacts.are(COMPLIANT), contacts.are(FRICTION)
     position, speed_size = contacts.rounded(t0)
     gaps = contacts.gaps(x, phase)
-    touching = ~friction & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
-    is_tied = machine.has_tied_friction
+    has_no_gap = friction if JENKINS not in contacts.laws.kinds else contacts.has_no_gap
+    touching = ~has_no_gap & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
     x = with_derivative_of(contacts.with_closed_gaps(x, touching, phase), x)
     speeds = contacts.speeds(v, machine.phase_rate(phase))
     size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)
@@ -59,11 +60,17 @@ def first_state(
     contact = jnp.where(touching & ~at_rest & ((speeds < 0) | compliant), jnp.int8(1), state.contact)
     mode = Mode(closed, past & ~closed, direction, state.mode.begins, state.mode.paradox)
     state = eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode))
-    if is_tied:
+    sliders = None
+    if JENKINS in contacts.laws.kinds:
+        none = jnp.zeros_like(at_rest)
+        sliders = at_limits(machine, state, (none, none), none)
+        state = sliders_driven(machine, state, sliders)
+    if machine.has_tied_friction:
         presses = at_rest | closed
         state = unloaded(machine, state, presses)
         at_rest = at_rest & (contacts.at_normal(presses) | ~contacts.are_tied)
-    return _settled(machine, state, AtRest(at_rest, jnp.zeros_like(direction)))
+    state = _settled(machine, state, AtRest(at_rest, jnp.zeros_like(direction)))
+    return state if sliders is None else sliders_settled(machine, state, sliders)
 
 
 def resolve(
@@ -156,6 +163,10 @@ def _switch(
     is_set_off = was_at_rest & is_struck
     stays = was_at_rest & ~torn & ~is_set_off
 
+    sliders = None
+    if JENKINS in contacts.laws.kinds:
+        sliders = at_limits(machine, before, events, is_struck)
+        state = sliders_driven(machine, state, sliders)
     at_limit = jnp.zeros_like(hit)
     if COMPLIANT in contacts.laws.kinds:
         state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
@@ -194,6 +205,7 @@ def _switch(
     is_plastic = hit & (instant.velocity_plus == 0)
     # Elements that have left at this very instant, with no speed, are still at rest.
     has_left = (state.contact >= jnp.where(friction, 1, 2)) & ~hit & ~torn & ~is_struck
+    has_left = has_left if sliders is None else has_left & ~contacts.are(JENKINS)
     has_left = has_left if sticks is None else has_left & (state.contact != UNLOADED)
     settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
     settles = settles | has_left | (compliant & at_limit & (speed == 0) & ~was_at_rest)
@@ -211,6 +223,8 @@ def _switch(
         lambda: compute_once(_settled, machine, state, AtRest(settles, side.astype(jnp.int8)), lightest),
         lambda: state,
     )
+    if sliders is not None:
+        after = compute_once(sliders_settled, machine, after, sliders)
     after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
     return after, logged(machine, before, after, instant, events, duration)
 
@@ -365,6 +379,11 @@ def logged(
         after=laws_as_numbers(after),
     )
     stuck = comes & ~compliant
+    if JENKINS in contacts.laws.kinds:
+        # One without a limit stops and slips the other way at once.
+        changes = contacts.are(JENKINS) & (old != new)
+        stuck = stuck | changes & (old != 0)
+        switched = eqx.tree_at(lambda s: s.slipped, switched, switched.slipped | changes & (new != 0))
     return eqx.tree_at(
         lambda i: (i.stuck, i.released, i.chatter, i.switched),
         instant,

@@ -21,7 +21,8 @@ _COST = {
     **dict.fromkeys(("sqrt", "rsqrt"), 8),
     **dict.fromkeys("exp exp2 log log1p expm1 rem".split(), 30),
     **dict.fromkeys(
-        "sin cos tan tanh asin acos atan atan2 sinh cosh logistic pow cbrt erf erf_inv".split(), 60
+        "sin cos tan tanh asin acos atan atan2 sinh cosh asinh acosh atanh logistic pow cbrt erf erf_inv".split(),
+        60,
     ),
 }
 Vertex = Node | Block

@@ -19,7 +19,7 @@ from .graph import Graph, is_known
 
 _ELEMENTWISE = {
     *EXACT,
-    *"exp exp2 log log1p expm1 sin cos tan tanh asin acos atan atan2 sinh cosh logistic pow rem rsqrt cbrt erf".split(),
+    *"exp exp2 log log1p expm1 sin cos tan tanh asin acos atan atan2 sinh cosh asinh acosh atanh logistic pow rem rsqrt cbrt erf".split(),
     *"integer_pow select_n round convert_element_type is_finite clamp bitcast_convert_type nextafter copy".split(),
     *"shift_left shift_right_logical shift_right_arithmetic erf_inv erfc square reduce_precision".split(),
 }

@@ -131,6 +131,11 @@ class Contacts(eqx.Module):
         """Effective mass along the row, 1 / (a M^-1 a)."""
         return 1 / diagonal(self.compliance)
 
+    @property
+    def num_sliders(self) -> int:
+        """Number of Jenkins elements, which come last."""
+        return 0
+
     def rounded(self, t: Scalar | float) -> tuple[Array, Array]:
         """Magnitudes of the terms of positions and velocities of the contacts; they set the rounding errors."""
         if self.walls is None:

@@ -25,7 +25,7 @@ from .numbers import MachineNumbers
 from .rate_bounds import of_unit_mass, rate_of_motion, rate_with_closed
 from .state import State, idle_mode
 from .stops import Stops
-from .switching import COMPLIANT, SwitchingContacts
+from .switching import COMPLIANT, JENKINS, SwitchingContacts
 from .tables import Knots, Tables, prepare_tables
 
 
@@ -268,6 +268,9 @@ class Machine(eqx.Module):
         names = lambda m: (m.mean, m.contacts)  # noqa: E731
         machine = eqx.tree_at(names, self, (self.mean + contacts.load_of(state.mode), contacts))
         machine = machine.with_closed(state.mode.closed)
+        if JENKINS in contacts.laws.kinds:
+            rows = contacts.sticking_rows(state.mode.direction)
+            machine = eqx.tree_at(lambda m: m.damping, machine, jnp.where(rows[:, None], machine.damping, 0))
         return machine if contacts.drag is None else machine.with_oblique_forces(state.held)
 
     def with_oblique_forces(self, held: Bool[Array, "contacts ..."]) -> "Machine":

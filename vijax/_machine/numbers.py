@@ -13,6 +13,7 @@ from .._jax.arrays import Reals, add_up, array_namespace, stack
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
 from .._system.forcing import Harmonic
+from .._system.hysteresis import coupled, with_more_rows
 from .._system.load import is_constant
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
@@ -51,9 +52,9 @@ class MachineNumbers(eqx.Module):
         travel: the motions of the stops, but for their means, as their masses follow them, (harmonics, n), or for
             coupled contacts that of each along its row, (harmonics, contacts); None where all stand still.
         force: what else acts on the masses, bound to its `args`; None for a linear machine.
-        laws: of friction and compliant contacts; None if all contacts are rigid. Friction has rows behind those of the
-            contacts, and everything over contacts has entries for it.
-        num_states: number of last coordinates whose positions stay 0.
+        laws: of friction, Jenkins elements and compliant contacts; None if all contacts are rigid. Friction and then Jenkins
+            elements have rows behind those of the contacts, and everything over contacts has entries for them.
+        num_states: number of last coordinates whose positions stay 0, the stretches of Jenkins elements among them.
         tables: loads by tables; None if there are none.
         base: the part of the load that a moving base makes; None where nothing depends on it.
     """
@@ -93,8 +94,13 @@ class MachineNumbers(eqx.Module):
 
     @property
     def num_stops(self) -> int:
-        """Number of contacts without friction."""
+        """Number of contacts without friction and Jenkins elements."""
         return len(self.rows) if self.laws is None else self.laws.num_stops
+
+    @property
+    def num_sliders(self) -> int:
+        """Number of Jenkins elements."""
+        return 0 if self.laws is None else self.laws.num_sliders
 
     @property
     def has_tied_friction(self) -> bool:
@@ -121,13 +127,15 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
     def of_contacts(values: list) -> Reals:
         return stack([value + zero for value in values]) if values else np.zeros((0, *zero.shape), zero.dtype)
 
-    mean, waves = harmonic_load_of(system)
-    none, one = [0.0] * len(system.friction), np.ones((), zero.dtype)
+    more = len(system.hysteresis)
+    mass, damping, stiffness = coupled(system.hysteresis, system.mass, system.damping, system.stiffness)
+    mean, waves = _with_more_coordinates(*harmonic_load_of(system), more)
+    none, one = [0.0] * (len(system.friction) + more), np.ones((), zero.dtype)
     restitutions = [stop.restitution if isinstance(stop, AbstractRigidLimit) else one for stop in stops]
     return MachineNumbers(
-        mass=system.mass,
-        damping=system.damping,
-        stiffness=system.stiffness,
+        mass=mass,
+        damping=damping,
+        stiffness=stiffness,
         mean=mean,
         waves=waves,
         frequency=forcing.clock,
@@ -139,8 +147,25 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
         force=system.force if isinstance(system.force, BoundForce) else None,
         laws=laws_of(system, of_contacts),
-        num_states=system.num_states,
-        tables=tables_of(system),
+        num_states=system.num_states + more,
+        tables=_tables(system, more),
+    )
+
+
+def _with_more_coordinates(mean: Reals, waves: Waves, count: int) -> tuple[Reals, Waves]:
+    """Load that is zero on some more coordinates."""
+    if not count:
+        return mean, waves
+    return with_more_rows(mean, count, 0), jax.tree.map(lambda a: with_more_rows(a, count, 1), waves)
+
+
+def _tables(system: ImpactSystem, more: int) -> tuple[TableNumbers, ...] | None:
+    """Loads by tables, with some more coordinates."""
+    tables = tables_of(system)
+    if tables is None or not more:
+        return tables
+    return tuple(
+        eqx.tree_at(lambda a: a.rows, table, with_more_rows(table.rows, more, 2)) for table in tables
     )
 
 
@@ -191,10 +216,10 @@ def _highest(system: ImpactSystem) -> int:
 
 def _rows(system: ImpactSystem) -> Reals:
     """Matrix A; concrete for stops alone."""
-    n, zero = len(system.mass), np.zeros([1] * (system.stiffness.ndim - 2), system.stiffness.dtype)
+    n, zero = system.num_coordinates, np.zeros([1] * (system.stiffness.ndim - 2), system.stiffness.dtype)
     rows = [
         stack([stop.coefficients.get(i, 0) + zero for i in range(n)])
-        for stop in (*system.stops, *system.friction)
+        for stop in (*system.stops, *system.friction, *system.hysteresis)
     ]
     return stack(rows) if rows else np.zeros((0, n, *zero.shape), zero.dtype)
 
@@ -211,7 +236,7 @@ def _travel_of_contacts(system: ImpactSystem, size: int) -> Waves | None:
         else jax.tree.map(lambda a, sign=stop.sign: sign * a, stop.motion.waves(num_lane_axes).padded(size))
         for stop in system.stops
     ]
-    waves += [Waves(still, still) for _ in system.friction]
+    waves += [Waves(still, still) for _ in (*system.friction, *system.hysteresis)]
     return jax.tree.map(_side_by_side, *waves)
 
 

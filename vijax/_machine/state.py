@@ -95,8 +95,10 @@ def idle_mode(like: Float[Array, "contacts ..."], *, is_tied: bool = False) -> M
 
 
 # What an element does, as one number. Rigid contacts are free, held or kept closed by others. Sequences of cycles tell
-# friction that sticks from contacts that hold; `laws_as_numbers` does not.
+# friction that sticks from contacts that hold, and Jenkins elements whose sliders stick, the springs, from contacts that are
+# free; `laws_as_numbers` does not.
 FREE, HELD, CLOSED, INSIDE, AHEAD, BEHIND, KEPT, KEPT_AHEAD, KEPT_BEHIND, STICKING = range(10)
+SPRING = -1
 
 
 def laws_as_numbers(state: State) -> Int[Array, "contacts ..."]:

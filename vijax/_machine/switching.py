@@ -1,12 +1,14 @@
-"""Contacts of machines whose forces switch: rigid and compliant contacts, and dry friction, in one numbering.
+"""Contacts of machines whose forces switch: rigid and compliant contacts, dry friction and Jenkins elements, in one numbering.
 
 Each element has a row: a contact rigid or compliant keeps or resists `a . x <= s`, friction resists the sliding velocity
-`w = a . v - velocity`. Stops come first in the order of the user, then friction elements. So an element is one entry of
+`w = a . v - velocity`, a Jenkins element the velocity a . v. Stops come first in the order of the user, then friction, then
+Jenkins elements. So an element is one entry of
 every array over contacts, and what holds is a `Hold` for all: a rigid contact holds at its position, friction at its
 velocity, a preloaded compliant stop at d = 0. Their accelerations along the row vanish alike.
 
 Between events the forces of the elements that do not hold are linear in the state (`Laws`): a closed compliant contact
-adds a k a^T to the stiffness and a c a^T to the damping, slip adds a constant load. `Machine.in_mode` returns the machine with
+adds a k a^T to the stiffness and a c a^T to the damping, slip adds a constant load, and that of a Jenkins element leaves its
+stretch constant, see `_system/hysteresis.py`. `Machine.in_mode` returns the machine with
 them, so that no flow needs to know of elements.
 
 Friction may be tied to a contact. While it slips, its force is a share of that of the contact, T = mu N s: `drag` is the
@@ -29,7 +31,7 @@ from .contacts import Contacts, Hold
 from .small_matrices import diagonal, inverse_of_block
 from .state import SATURATED, Mode, State
 
-RIGID, COMPLIANT, FRICTION = 0, 1, 2
+RIGID, COMPLIANT, FRICTION, JENKINS = 0, 1, 2, 3
 
 
 class Laws(eqx.Module):
@@ -37,12 +39,13 @@ class Laws(eqx.Module):
 
     Attributes:
         kinds: kind of every element.
-        stiffness: k of compliant contacts.
+        stiffness: k of compliant contacts and Jenkins elements.
         damping: c of compliant contacts.
         preload: F0 of compliant contacts.
         force: F of friction.
         grip: Fs of friction.
         velocity: velocity of the surface under friction.
+        reach: largest stretch of Jenkins elements, F / k; None if there are none.
         normal: number of the contact that presses each friction element, -1 for all other elements; None if friction has
             constant forces alone. Then so are the coefficients.
         coefficient: mu of friction of contacts.
@@ -56,6 +59,7 @@ class Laws(eqx.Module):
     force: Reals
     grip: Reals
     velocity: Reals
+    reach: Reals | None = None
     normal: tuple[int, ...] | None = eqx.field(static=True, default=None)
     coefficient: Any = None
     static_coefficient: Any = None
@@ -63,7 +67,17 @@ class Laws(eqx.Module):
     @property
     def num_stops(self) -> int:
         """Number of contacts, rigid and compliant, which come before friction."""
-        return sum(kind != FRICTION for kind in self.kinds)
+        return sum(kind < FRICTION for kind in self.kinds)
+
+    @property
+    def num_sliders(self) -> int:
+        """Number of Jenkins elements, which come last."""
+        return sum(kind == JENKINS for kind in self.kinds)
+
+    @property
+    def has_no_gap(self) -> np.ndarray:
+        """Flags of friction and Jenkins elements, which resist velocities."""
+        return np.array(self.kinds) >= FRICTION
 
     @property
     def is_tied(self) -> bool:
@@ -75,31 +89,34 @@ def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
     """Laws of the elements of a machine, None if all its contacts are rigid; `of_contacts` makes an array of a list."""
     if not system.is_switching:
         return None
-    stops, friction = system.stops, system.friction
+    kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in system.stops]
+    kinds += [FRICTION] * len(system.friction) + [JENKINS] * len(system.hysteresis)
+    elements = [*system.stops, *system.friction, *system.hysteresis]
 
-    def of_stops(name: str) -> Reals:
-        values = [getattr(stop, name) if stop.is_compliant else 0.0 for stop in stops]
-        return of_contacts([*values, *[0.0] * len(friction)])
+    def of(name: str, *own: int) -> Reals:
+        pairs = zip(kinds, elements, strict=True)
+        return of_contacts([getattr(element, name) if kind in own else 0.0 for kind, element in pairs])
+
+    tied = [kind == FRICTION and element.is_tied for kind, element in zip(kinds, elements, strict=True)]
+    normal = [element.contact if is_tied else -1 for is_tied, element in zip(tied, elements, strict=True)]
 
     def of_friction(name: str, *, is_tied: bool = False) -> Reals:
-        values = [getattr(element, name) if element.is_tied == is_tied else 0.0 for element in friction]
-        return of_contacts([*[0.0] * len(stops), *values])
+        own = [kind == FRICTION and each == is_tied for kind, each in zip(kinds, tied, strict=True)]
+        return of_contacts(
+            [getattr(element, name) if each else 0.0 for each, element in zip(own, elements, strict=True)]
+        )
 
-    def velocity() -> Reals:
-        return of_contacts([*[0.0] * len(stops), *(element.velocity for element in friction)])
-
-    normal = [-1] * len(stops) + [-1 if element.contact is None else element.contact for element in friction]
-    has_tied = max(normal) >= 0
-    kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in stops] + [FRICTION] * len(friction)
     return Laws(
         kinds=tuple(kinds),
-        **{name: of_stops(name) for name in ("stiffness", "damping", "preload")},
+        stiffness=of("stiffness", COMPLIANT, JENKINS),
+        **{name: of(name, COMPLIANT) for name in ("damping", "preload")},
         force=of_friction("slip"),
         grip=of_friction("grip"),
-        velocity=velocity(),
-        normal=tuple(normal) if has_tied else None,
-        coefficient=of_friction("slip", is_tied=True) if has_tied else None,
-        static_coefficient=of_friction("grip", is_tied=True) if has_tied else None,
+        velocity=of("velocity", FRICTION),
+        reach=of("reach", JENKINS) if system.hysteresis else None,
+        normal=tuple(normal) if any(tied) else None,
+        coefficient=of_friction("slip", is_tied=True) if any(tied) else None,
+        static_coefficient=of_friction("grip", is_tied=True) if any(tied) else None,
     )
 
 
@@ -133,9 +150,40 @@ class SwitchingContacts(Contacts):
         """Number of contacts, rigid and compliant, which come before friction."""
         return self.laws.num_stops
 
+    @property
+    def num_sliders(self) -> int:
+        """Number of Jenkins elements, which come last."""
+        return self.laws.num_sliders
+
     def are(self, kind: int) -> Bool[Array, "contacts ..."]:
         """Flags of the elements of a kind."""
         return append_axes(jnp.asarray(np.array(self.laws.kinds) == kind), self.limit)
+
+    @property
+    def has_no_gap(self) -> Bool[Array, "contacts ..."]:
+        """Flags of friction and Jenkins elements, which resist velocities."""
+        return append_axes(jnp.asarray(self.laws.has_no_gap), self.limit)
+
+    def stretches(self, v: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
+        """Stretches of Jenkins elements, the last velocities; 0 for all others."""
+        first = len(v) - self.num_sliders
+        return jnp.concatenate([jnp.zeros((self.num - len(v[first:]), *v.shape[1:]), v.dtype), v[first:]])
+
+    def with_stretches(
+        self, v: Float[Array, "n ..."], direction: Int[Array, "contacts ..."]
+    ) -> Float[Array, "n ..."]:
+        """Velocities with the stretches of Jenkins elements that slip at their limit."""
+        num = self.num_sliders
+        if not num:
+            return v
+        assert self.laws.reach is not None
+        slips, at_limit = direction[-num:] != 0, direction[-num:] * self.laws.reach[-num:]
+        return jnp.concatenate([v[:-num], jnp.where(slips, at_limit, v[-num:])])
+
+    def sliders(self, x: Float[Array, "n ..."], v: Float[Array, "n ..."]) -> Float[Array, "sliders ..."]:
+        """Sliders of Jenkins elements."""
+        num = self.num_sliders
+        return self.along(x)[self.num - num :] - v[len(v) - num :]
 
     @property
     def is_rigid(self) -> Bool[Array, "contacts ..."]:
@@ -144,19 +192,19 @@ class SwitchingContacts(Contacts):
 
     def gap_moved(self, gap: Array, closed: Array, displacement: Array) -> Array:
         """Gaps after a displacement at one instant, without those of friction."""
-        return jnp.where(self.are(FRICTION) & ~closed, gap, super().gap_moved(gap, closed, displacement))
+        return jnp.where(self.has_no_gap & ~closed, gap, super().gap_moved(gap, closed, displacement))
 
     def speeds(self, v: Float[Array, "n ..."], phase_rate: Array) -> Float[Array, "contacts ..."]:
         """Speeds of approach to contacts, and sliding velocities of friction."""
         return self.towards(v, phase_rate) - self.laws.velocity
 
     def gaps(self, x: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]) -> Array:
-        """Gaps of contacts; 1 for friction, which is never closed."""
-        return jnp.where(self.are(FRICTION), 1, self.limit - self.towards(x, phase))
+        """Gaps of contacts; 1 for elements without, which are never closed."""
+        return jnp.where(self.has_no_gap, 1, self.limit - self.towards(x, phase))
 
     def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
         """Gaps after a displacement, without those of friction."""
-        return jnp.where(held | self.are(FRICTION), gap, gap - self.towards(displacement, change))
+        return jnp.where(held | self.has_no_gap, gap, gap - self.towards(displacement, change))
 
     def kept(
         self,
@@ -213,7 +261,10 @@ class SwitchingContacts(Contacts):
         assert mode is not None
         speed = self.speeds(state.v, phase_rate(state.phase, self.frequency))
         pushing = self.spring_force(self.gaps(state.x, state.phase), speed)
-        return jnp.where(mode.closed, pushing, self._rubbing(mode))
+        forces = jnp.where(mode.closed, pushing, self._rubbing(mode))
+        if JENKINS not in self.laws.kinds:
+            return forces
+        return jnp.where(self.are(JENKINS), self.laws.stiffness * self.stretches(state.v), forces)
 
     def load_of(self, mode: Mode) -> Float[Array, "n ..."]:
         """Constant part of the forces of the elements on the masses, in a mode."""
@@ -234,6 +285,12 @@ class SwitchingContacts(Contacts):
         back = back if self.drag is None else matrix_product(back, self.drag)
         stiffness, damping = (matrix_product(back, a[:, None] * self.rows) for a in weights)
         return stiffness, damping
+
+    def sticking_rows(self, direction: Int[Array, "contacts ..."]) -> Bool[Array, "n ..."]:
+        """Flags of coordinates, without those of the stretches of Jenkins elements that slip."""
+        num, n = self.num_sliders, self.rows.shape[1]
+        sticks = direction[self.num - num :] == 0
+        return jnp.concatenate([jnp.ones((n - num, *sticks.shape[1:]), bool), sticks])
 
     @property
     def are_tied(self) -> Bool[Array, "contacts ..."]:

@@ -141,7 +141,7 @@ def _positive(name: str, given: ArrayLike | None, default: float) -> float:
 
 def _box(orbit: PeriodicOrbit, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]] | None) -> np.ndarray:
     """Lowest and highest states (W x, v), (2, 2 n)."""
-    n = orbit.system.num_masses
+    n = orbit.system.num_coordinates
     box = np.stack([np.full(2 * n, -np.inf), np.full(2 * n, np.inf)])
     names = [f"{one}[{i}]" for one in ("x0", "v0") for i in range(n)]
     rate = float(orbit.system.forcing.frequency)
@@ -161,7 +161,7 @@ def _dataset(
     orbit: PeriodicOrbit, curves: list[tuple[Names, CurveGrowth]], length: float, spacing: float
 ) -> xr.Dataset:
     """The curves, one after another."""
-    n, scale = orbit.system.num_masses, StateMap.of_orbit(orbit, 1).scale
+    n, scale = orbit.system.num_coordinates, StateMap.of_orbit(orbit, 1).scale
     rows = [_cut_at_jumps(np.concatenate(one.rows), spacing) for _, one in curves]
     shape = len(rows), max((len(one) for one in rows), default=0)
     states, arclength, piece = np.full((*shape, 2 * n), np.nan), np.full(shape, np.nan), np.full(shape, -1)

@@ -50,6 +50,8 @@ def no_inverse(system: AnySystem) -> str:
         return "its load is not a single `vx.Harmonic`, of which alone the reversed one is known"
     if system.friction:
         return "friction brings many motions to rest alike"
+    if system.hysteresis:
+        return "Jenkins elements that slip forget where they began"
     for j, stop in enumerate(system.stops):
         law = stop.restitution if isinstance(stop, AbstractRigidLimit) else 1.0
         if isinstance(law, AbstractRestitution):
@@ -111,7 +113,7 @@ class StateMap(NamedTuple):
         own = machine_of(orbit.system)
         system = own if sign > 0 else reversed_machine(own)
         rate = np.asarray(system.forcing.frequency)
-        scale = np.repeat(np.array([float(rate), 1.0]), system.num_masses)
+        scale = np.repeat(np.array([float(rate), 1.0]), system.num_coordinates)
         return cls(system, sign, sign * orbit.phase, scale, orbit.flow, orbit.args)
 
     def __call__(self, z: np.ndarray, num_periods: int) -> np.ndarray:

@@ -43,7 +43,7 @@ from .newton import implicit_orbit, pencil_of, polish, scale_of
 from .orbit import ORBIT_RESULTS
 from .rigid_modes import free_drifts, free_shifts, num_of
 from .search import StroboscopicMap
-from .sequence import Sequence, friction_of, is_same_sequence, num_stops_of, sequence_of
+from .sequence import Sequence, is_same_sequence, kinds_of, num_stops_of, sequence_of
 
 # Distance of two states in the middle of flights, relative to the motion, below which the motion nearly repeats.
 _NEARLY = 0.05
@@ -125,6 +125,11 @@ def _refuse(system: ImpactSystem, flow: AbstractFlow | None) -> None:
     if is_staged():
         raise ValueError(
             "The cycle of a machine without load is found outside of `jax.jit`: its period is not known."
+        )
+    if system.hysteresis:
+        raise ValueError(
+            "Cycles of machines without load are found for machines without `hysteresis`: follow this one by `vx.simulate`, or "
+            "drive it by a load."
         )
     if system.force is not None or (flow is not None and not flow.has_flow_map):
         raise ValueError(
@@ -222,7 +227,7 @@ def _run(strobe: StroboscopicMap, start: Float[Array, " state"], length: Scalar)
     strobe = eqx.tree_at(lambda s: s.num_periods, strobe, length)
     choices = Choices(can_stick=True, room=strobe.room)
     log, _, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(start), choices)
-    return _Run(start, end, *sequence_of(log, strobe.t0, strobe.period, friction_of(strobe.numbers)))
+    return _Run(start, end, *sequence_of(log, strobe.t0, strobe.period, kinds_of(strobe.numbers)))
 
 
 @compile_lightly
@@ -331,7 +336,7 @@ def _solution_of(strobe: StroboscopicMap, found: _Found) -> tuple[OrbitSolution,
 
 def _no_orbit(system: ImpactSystem, start: tuple[Array, Array], room: int) -> OrbitSolution:
     """Result for a motion that never repeats."""
-    n, unknown, nothing = system.num_masses, jnp.full(room, jnp.nan), jnp.full(room, -1)
+    n, unknown, nothing = system.num_coordinates, jnp.full(room, jnp.nan), jnp.full(room, -1)
     return OrbitSolution(
         x0=start[0],
         v0=start[1],

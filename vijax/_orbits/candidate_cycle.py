@@ -13,7 +13,7 @@ from .cycle import Problem, Unknowns, residual
 from .floquet import floquet_multipliers, with_phase
 from .newton import polish, scale_of
 from .rigid_modes import all_shifts, closing_pin
-from .sequence import NOTHING, Sequence
+from .sequence import NOTHING, Sequence, num_erased
 
 # Newton step of the map, relative to the size of the motion, below which the next iterate is exact to rounding.
 _NEAR = 1e-8
@@ -58,7 +58,8 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
 
 def multipliers_of(problem: Problem, pencil: Pencil) -> Complex[Array, " state"]:
     """Floquet multipliers of a cycle from the pencil of its neighbours."""
-    erased, shifts = problem.sequence.most_erased, all_shifts(problem.shifts, problem.drift)
+    erased = num_erased(problem.sequence, problem.machine.contacts.num_sliders)
+    shifts = all_shifts(problem.shifts, problem.drift)
     if problem.is_autonomous:
         return with_phase(floquet_multipliers(pencil, erased + 1, shifts))
     return floquet_multipliers(pencil, erased, shifts)
@@ -101,7 +102,7 @@ def cycle_by_map(
         sequence=problem.sequence,
         multipliers=floquet_multipliers(
             Pencil(jacobian, identity),
-            problem.sequence.most_erased,
+            num_erased(problem.sequence, problem.machine.contacts.num_sliders),
             problem.shifts,
         ),
         residual=jnp.max(jnp.abs(end - z) / size),

@@ -26,13 +26,12 @@ from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State
-from .._machine.switching import FRICTION
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
 from .rigid_modes import closing_pin, of_positions
 from .sequence import NOTHING, Sequence, held_in
-from .switching_events import leading_zeros_of, switched_end, switched_instant
+from .switching_events import leading_zeros_of, switched_end, switched_instant, with_stretches_of
 
 # Duration, in forcing periods, below which a flight has none when residuals are divided by it.
 _MOMENT = 1e-12
@@ -235,13 +234,14 @@ def linearise(
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:
     """All flights of a cycle; the one that closes it comes after `count` others, or after the padding."""
     sequence, room = problem.sequence, len(unknowns.flights)
+    num_sliders = problem.machine.contacts.num_sliders
     mode = jnp.asarray(sequence.mode)
     event = Event(
         kind=jnp.append(sequence.kind, NOTHING),
         stop=jnp.append(sequence.stop, 0),
         mode=mode,
         mode_after=jnp.concatenate([mode[1:], mode[-1:]]),
-        zeros=jnp.append(leading_zeros_of(sequence), 0) if sequence.is_switching else None,
+        zeros=jnp.append(leading_zeros_of(sequence, num_sliders), 0) if sequence.is_switching else None,
     )
     return CycleFlight(
         event, jnp.append(unknowns.flights, 0), jnp.arange(room + 1) == (room if count is None else count)
@@ -287,7 +287,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
         )
         return there, (instant, end.phase)
 
-    flights = events_of(problem.sequence), unknowns.flights
+    flights = events_of(problem), unknowns.flights
     instants, phases = jax.lax.scan(one, initial_moment(problem, machine, unknowns.z), flights)[1]
     return event_log(machine, instants, phases, room)
 
@@ -306,7 +306,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
         moment = jax.tree.map(lambda a, b: jnp.where(is_passed, a, b), there, moment)
         return (moment, jnp.where(is_passed, event.mode_after, mode)), None
 
-    flights = events_of(problem.sequence), unknowns.flights, until, jnp.arange(len(until)) < count
+    flights = events_of(problem), unknowns.flights, until, jnp.arange(len(until)) < count
     begin = initial_moment(problem, machine, unknowns.z), jnp.asarray(problem.sequence.mode)[0]
     (moment, mode), _ = jax.lax.scan(one, begin, flights)
     x, v, *_ = flow_map(machine, flow, moment, mode, problem.phase + time - moment.time)
@@ -323,8 +323,8 @@ def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
     held, contacts = held_in(problem.sequence.mode[0]), machine.contacts
     phase = phase_of(machine, problem.phase)
     if contacts.is_switching:
-        x = contacts.with_closed_gaps(x, held & ~contacts.are(FRICTION), phase)
-        v = contacts.without_speeds(v, held, phase)
+        x = contacts.with_closed_gaps(x, held & ~contacts.has_no_gap, phase)
+        v = with_stretches_of(machine, contacts.without_speeds(v, held, phase), problem.sequence.mode[0])
     else:
         x = contacts.with_closed_gaps(x, held, phase)
         v = contacts.with_zero_approach(v, held, machine.phase_rate(phase))
@@ -332,8 +332,9 @@ def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
     return Moment(jnp.concatenate([x, v]), problem.phase + 0 * x[0], gap)
 
 
-def events_of(sequence: Sequence) -> Event:
-    zeros = leading_zeros_of(sequence) if sequence.is_switching else None
+def events_of(problem: Problem) -> Event:
+    sequence, num_sliders = problem.sequence, problem.machine.contacts.num_sliders
+    zeros = leading_zeros_of(sequence, num_sliders) if sequence.is_switching else None
     return Event(sequence.kind, sequence.stop, sequence.mode[:-1], sequence.mode[1:], zeros)
 
 
@@ -351,7 +352,7 @@ def fly_to_event(
     at_event = jnp.arange(contacts.num) == event.stop
     end = state_in_mode(machine, phase, x, v, event.mode, time * machine.period)
     if contacts.is_switching:
-        gap = jnp.where(contacts.are(FRICTION), 1, gap)
+        gap = jnp.where(contacts.has_no_gap, 1, gap)
         after = switched_end(machine, end, gap, (event.kind, event.stop), event.mode_after)
         divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < _MOMENT, _MOMENT, duration), 1)
         value = after.value / jnp.where(event.zeros == 2, divisor * divisor, divisor)

@@ -20,7 +20,7 @@ from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
 from .rigid_modes import closing_pin, drifts, free_drifts, free_shifts, num_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
-from .sequence import num_stops_of
+from .sequence import num_erased, num_stops_of
 
 
 class OrbitSolution(eqx.Module):
@@ -125,7 +125,7 @@ def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, Even
     """As `_by_sequence`, by the stroboscopic map, for a flow that advances step by step."""
     start = fixed_point(strobe, search.cycle.start)
     pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
-    erased = search.cycle.sequence.most_erased
+    erased = num_erased(search.cycle.sequence, strobe.numbers.num_sliders)
     multipliers = floquet_multipliers(pencil, erased, free_shifts(strobe.numbers))
     return start, multipliers, strobe.follow(start).events, jnp.zeros_like(strobe.numbers.mean)
 

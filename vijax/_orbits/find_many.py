@@ -11,9 +11,9 @@ from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles, tqdm
 from .._system.checks import validate_start
 from .._system.periodicity import check_period
-from .._system.system import AnySystem
+from .._system.system import AnySystem, machine_of
 from .._trajectory.concrete_machine import known_machine
-from .._trajectory.simulate import simulate
+from .._trajectory.simulate import simulate_all
 from .find import tell_of_search
 from .many import search_each
 from .orbit import PeriodicOrbit
@@ -67,12 +67,12 @@ def find_periodic_orbits(
     """
     refuse_single_precision("find_periodic_orbits", system)
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
-    states = given_states(starts, system.num_masses)
+    states = given_states(starts, system)
     if is_traced((system, args, flow)):
         raise ValueError(
             "`find_periodic_orbits` needs known numbers: call it outside of `jax.jit` and `jax.vmap`."
         )
-    check_period(system, args, states[0, : system.num_masses], states[0, system.num_masses :])
+    check_period(system, args, states[0, : system.num_coordinates], states[0, system.num_coordinates :])
     known = known_machine(system, args)
     t1 = np.asarray(2 * np.pi * n / known.system.forcing.frequency, states.dtype)
     for state in states:
@@ -90,7 +90,7 @@ def find_periodic_orbits(
         lane: np.asarray(part.cycle.start[k]) for lane, (part, k) in searches.items() if part.is_orbit[k]
     }
     lanes = sorted(starts_of, key=lambda lane: tuple(starts_of[lane]))
-    felt = np.eye(system.num_masses) - np.asarray(all_shifts(free_shifts(numbers), free_drifts(numbers)))
+    felt = np.eye(system.num_coordinates) - np.asarray(all_shifts(free_shifts(numbers), free_drifts(numbers)))
     different = _distinct_orbits(system, [starts_of[lane] for lane in lanes], felt, n, args, flow)
     orbits = []
     for part, k in (searches[lanes[i]] for i in different):
@@ -104,18 +104,29 @@ def find_periodic_orbits(
     return orbits
 
 
-def given_states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int, or_else: str = "") -> np.ndarray:
+def given_states(
+    starts: tuple[Numbers, Numbers] | Numbers, system: AnySystem, or_else: str = ""
+) -> np.ndarray:
     """States given one by one, (starts, 2 n); `or_else` names other forms of the argument, for messages."""
     parts = [as_numpy_float(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
-    size = 2 * num_masses // len(parts)
-    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size or not len(a) for a in parts):
+    num_masses = system.num_masses
+    sizes = [2 * n // len(parts) for n in (num_masses, system.num_coordinates)]
+    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] not in sizes or not len(a) for a in parts):
         raise ValueError(
             f"Argument `starts` must be positions and velocities, (starts, {num_masses}) each, or both side by side, "
             f"(starts, {2 * num_masses}), {or_else}but has the shapes {[a.shape for a in parts]}."
         )
     if len({len(a) for a in parts}) > 1:
         raise ValueError("Argument `starts` must hold as many velocities as positions.")
-    return np.concatenate(parts, axis=1)
+    return all_coordinates(system, np.concatenate(parts, axis=1))
+
+
+def all_coordinates(system: AnySystem, states: np.ndarray) -> np.ndarray:
+    """States of all coordinates, (starts, 2 n), from such or those of the masses alone."""
+    if not system.hysteresis:
+        return states
+    parts = machine_of(system).start_of(*(a.T for a in np.split(states, 2, axis=1)))
+    return np.concatenate([np.asarray(a).T for a in parts], axis=1)
 
 
 def _distinct_orbits(
@@ -139,6 +150,6 @@ def _distinct_orbits(
         if num_periods > 1:
             x, v = np.split(state, 2)
             ts = np.arange(1, num_periods) * np.asarray(system.forcing.period)
-            sol = simulate(system, 0.0, ts[-1], x, v, ts=ts, args=args, flow=flow, throw=False)
+            sol = simulate_all(system, 0.0, ts[-1], x, v, ts=ts, args=args, flow=flow, throw=False)
             known += list(np.concatenate([sol.xs, sol.vs], axis=1))
     return kept

@@ -38,8 +38,7 @@ def image_of_orbit(orbit: PeriodicOrbit, symmetry: Symmetry | None) -> PeriodicO
     x, v = np.split(state, 2)
     return periodic_orbit(
         orbit.system,
-        symmetry.matrix @ x + symmetry.offset,
-        symmetry.matrix @ v,
+        *symmetry.image(x, v),
         orbit.num_periods or 1,
         phase=orbit.phase,
         args=orbit.args,
@@ -63,7 +62,7 @@ def _has(orbit: PeriodicOrbit, symmetry: Symmetry) -> bool:
     later = np.arange(n) if n else np.arange(symmetry.order) / symmetry.order
     first, *others = _states(orbit, [float(symmetry.shift) if n else 0.0, *map(float, later)])
     x, v = np.split(first, 2)
-    image = np.concatenate([symmetry.matrix @ x + symmetry.offset, symmetry.matrix @ v])
+    image = np.concatenate(symmetry.image(x, v))
     size = np.abs(others).reshape(-1, 2, len(x)).max(axis=(0, 2)).repeat(len(x))
     return any(np.all(np.abs(image - other) <= _SAME * size) for other in others)
 
@@ -88,4 +87,10 @@ def _states(orbit: PeriodicOrbit, shares: list[float]) -> np.ndarray:
         max_events=max(orbit.events.t.shape[-1], 1),
         throw=False,
     )
-    return np.concatenate([np.asarray(sol.xs), np.asarray(sol.vs)], axis=1)[back]
+    x, v = np.asarray(sol.xs), np.asarray(sol.vs)
+    if orbit.system.hysteresis:
+        stretches = np.asarray(sol.hysteresis_force(ts)) / [
+            float(one.stiffness) for one in orbit.system.hysteresis
+        ]
+        x, v = np.append(x, 0 * stretches, axis=1), np.append(v, stretches, axis=1)
+    return np.concatenate([x, v], axis=1)[back]

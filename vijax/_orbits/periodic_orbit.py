@@ -88,9 +88,10 @@ def periodic_orbit(
     n = whole_number("num_periods", num_periods, 1)
     room = whole_number("max_events", max_events, 1)
     x, v = as_float(x0), as_float(v0)
-    for name, value in (("x0", x), ("v0", v)):
-        check_shape(name, value, (system.num_masses,))
     bound = with_args(system, args)
+    x, v = bound.start_of(x, v)
+    for name, value in (("x0", x), ("v0", v)):
+        check_shape(name, value, (bound.num_coordinates,))
     if is_undriven(bound):
         found, period = autonomous_orbit(bound, (x, v), flow, room)
         orbit = PeriodicOrbit(

@@ -22,7 +22,6 @@ from jaxtyping import Array, Float
 from .._jax.arrays import Reals, array_namespace
 from .._jax.concrete import stop_gradients
 from .._machine.numbers import MachineNumbers
-from .._machine.switching import FRICTION
 from .condensation import Pencil
 
 # Smallest normalised singular value above which a concrete machine has no rigid mode.
@@ -51,11 +50,11 @@ def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
 
 
 def free_drifts(numbers: MachineNumbers) -> Float[Array, "n n"] | None:
-    """The projection D onto shifts that nothing but friction resists; None for machines without friction."""
+    """The projection D onto shifts that nothing but friction and sliders resist; None for machines without both."""
     known = stop_gradients(numbers)
-    if known.laws is None or FRICTION not in known.laws.kinds:
+    if known.laws is None or not known.laws.has_no_gap.any():
         return None
-    is_friction = np.array(known.laws.kinds) == FRICTION
+    is_friction = known.laws.has_no_gap
     resisted = free_shifts(known)
     others = eqx.tree_at(lambda own: own.rows, known, jnp.asarray(known.rows)[~is_friction])
     beside = jnp.eye(len(resisted), dtype=resisted.dtype) - resisted

@@ -36,8 +36,8 @@ from .sequence import (
     Sequence,
     effective,
     empty_sequence,
-    friction_of,
     is_same_sequence,
+    kinds_of,
     sequence_of,
 )
 
@@ -216,7 +216,7 @@ def search_step(strobe: StroboscopicMap, search: Search) -> Search:
     choices = Choices(can_stick=True, room=strobe.room)
     log, result, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(search.trial), choices)
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    sequence, flights = sequence_of(log, strobe.t0, machine.period, friction_of(strobe.numbers))
+    sequence, flights = sequence_of(log, strobe.t0, machine.period, kinds_of(strobe.numbers))
     shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
     problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, *shifts)
     size = scale_of(problem, search.trial)

@@ -11,8 +11,8 @@ from .._hybrid.limits import CLOSE, EVENT_NAMES, IMPACT, OPEN, RELEASE, SLIP, ST
 from .._hybrid.transition import Instant
 from .._jax.arrays import Reals, Scalar
 from .._machine.numbers import MachineNumbers
-from .._machine.state import FREE, HELD, INSIDE, KEPT, STICKING
-from .._machine.switching import FRICTION
+from .._machine.state import AHEAD, BEHIND, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
+from .._machine.switching import FRICTION, JENKINS
 from .._trajectory.event_log import Log
 
 NOTHING = -1
@@ -68,14 +68,24 @@ class Sequence(NamedTuple):
         return 2 * jnp.max(jnp.sum(self.held, axis=1), initial=0)
 
 
+def num_erased(sequence: Sequence, num_sliders: int) -> Int[Array, ""]:
+    """As `most_erased`, with directions that Jenkins elements lose: the position of each, and the stretch of one that slips."""
+    if not num_sliders:
+        return sequence.most_erased
+    mode, num = jnp.asarray(sequence.mode), num_sliders
+    lost = 2 * (mode == HELD) + (mode == STICKING)
+    slips = (mode[:, -num:] == AHEAD) | (mode[:, -num:] == BEHIND)
+    return jnp.max(jnp.sum(lost, axis=1) + jnp.sum(slips, axis=1), initial=0) + num
+
+
 def num_stops_of(numbers: MachineNumbers) -> int:
-    """Number of stops of a machine, without friction elements."""
-    return numbers.rows.shape[-2] - int(np.count_nonzero(friction_of(numbers)))
+    """Number of stops of a machine, without friction and Jenkins elements."""
+    return numbers.rows.shape[-2] - (0 if numbers.laws is None else int(numbers.laws.has_no_gap.sum()))
 
 
-def friction_of(numbers: MachineNumbers) -> np.ndarray:
-    """Flags of the friction elements of a machine, (elements,); empty if all its contacts are rigid."""
-    return np.array(() if numbers.laws is None else numbers.laws.kinds) == FRICTION
+def kinds_of(numbers: MachineNumbers) -> np.ndarray:
+    """Kinds of the elements of a machine, (elements,); empty if all its contacts are rigid."""
+    return np.array(() if numbers.laws is None else numbers.laws.kinds, int)
 
 
 def held_in(mode: Reals) -> Reals:
@@ -103,11 +113,11 @@ def empty_sequence(num_events: int, num_stops: int, *, is_switching: bool) -> Se
 
 
 def sequence_of(
-    log: Log, t0: Scalar, period: Scalar, is_friction: np.ndarray
+    log: Log, t0: Scalar, period: Scalar, kinds_of_elements: np.ndarray
 ) -> tuple[Sequence, Float[Array, " events"]]:
     """The sequence of a trajectory from its log, and the durations of its flights in forcing periods.
 
-    For `is_friction` see `friction_of`.
+    For `kinds_of_elements` see `kinds_of`.
     """
     instants, held = log.instants, log.restarts.held
     size, num_stops = instants.hit.shape
@@ -140,7 +150,10 @@ def sequence_of(
         # Without an event a mass leaves the inside of a contact: the last flight of a cycle ends as the first one does.
         after = jnp.where((after == INSIDE) & (before[:1] != INSIDE), jnp.int8(FREE), after)
         mode = jnp.concatenate([jnp.where(is_real[:, None], before, after), after])
-        mode = jnp.where(is_friction[None] & (mode == HELD), jnp.int8(STICKING), mode)
+        is_friction, is_slider = (kinds_of_elements[None] == kind for kind in (FRICTION, JENKINS))
+        mode = jnp.where(is_friction & (mode == HELD), jnp.int8(STICKING), mode)
+        if is_slider.any():
+            mode = jnp.where(is_slider & (mode == FREE), jnp.int8(SPRING), mode)
         return Sequence(kind, stop, mode), flights
     after = held[jnp.where(is_followed, row - 1, row)]
     return Sequence(kind, stop, jnp.concatenate([held[:1], after])), flights

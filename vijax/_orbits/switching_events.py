@@ -25,8 +25,8 @@ from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
-from .._machine.state import AHEAD, HELD, State, laws_as_numbers
-from .._machine.switching import FRICTION
+from .._machine.state import AHEAD, BEHIND, HELD, SPRING, State, laws_as_numbers
+from .._machine.switching import JENKINS
 from .sequence import LEAVE, NOTHING, SECOND, Sequence, effective, held_in
 
 
@@ -74,21 +74,23 @@ def switched_end(
     contacts, here = machine.contacts, machine.in_mode(end)
     counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), here.hold(end.held)
     at_event = jnp.arange(contacts.num) == element
-    is_friction = contacts.are(FRICTION)
+    has_no_gap = contacts.has_no_gap
     both = jnp.concatenate([at_event & ~is_second(kind), at_event & is_second(kind)])
     read = lambda of_guards: jnp.sum(jnp.where(both, of_guards, 0))  # noqa: E731
     value = read(select_active(here, counted, lambda limit: limit.value(here, counted, hold)))
     now = rates(here, counted, hold)
     slope = read(select_active(here, counted, lambda limit: limit.slope(here, counted, hold, now)))
     of_motion = at_event & ~is_second(kind) & ~end.held
-    speed = -slope / jnp.where(jnp.any(is_friction & at_event), machine.frequency, 1)
+    if contacts.num_sliders:
+        of_motion = of_motion | (at_event & contacts.are(JENKINS))
+    speed = -slope / jnp.where(jnp.any(has_no_gap & at_event), machine.frequency, 1)
     hit = at_event & (kind == IMPACT)
     x, v = after_event(machine, end, hit, after)
     # Gaps and positions agree also where the cycle is not found yet: Newton's method would solve one event after another.
-    is_met = of_motion & ~is_friction & (kind != NOTHING)
+    is_met = of_motion & ~has_no_gap & (kind != NOTHING)
     x = contacts.with_closed_gaps(x, is_met, end.phase)
     moved = contacts.gap_moved(gap, is_met, x - end.x)
-    gap = jnp.where((after == HELD) & ~is_friction, 0, jnp.where(is_friction, 1, moved))
+    gap = jnp.where((after == HELD) & ~has_no_gap, 0, jnp.where(has_no_gap, 1, moved))
     speed = jnp.where((kind != NOTHING) & jnp.any(of_motion), speed, 0)
     speed = jnp.where(kind == TURN, _push_beyond_grip(machine, end, at_event, after), speed)
     return SwitchedEnd(value, speed, x, v, gap)
@@ -107,7 +109,7 @@ def _push_beyond_grip(
     return -jnp.sum(jnp.where(at_event, jnp.where(after == AHEAD, ahead, behind), 0))
 
 
-def leading_zeros_of(sequence: Sequence) -> Int[Array, " events"]:
+def leading_zeros_of(sequence: Sequence, num_sliders: int) -> Int[Array, " events"]:
     """Number of zeros that the guard at the end of a flight has at its beginning, where the event before set it to zero.
 
     The residual is the guard divided by as many durations, so that a flight of no duration is a regular solution only
@@ -118,7 +120,29 @@ def leading_zeros_of(sequence: Sequence) -> Int[Array, " events"]:
     is_among = lambda kind, kinds: jnp.any(kind[:, None] == jnp.array(kinds)[None], axis=1)  # noqa: E731
     is_motion = own & is_among(kind, (OPEN, CLOSE, STICK, TURN, LEAVE))
     order = jnp.where(is_among(before, (OPEN, CLOSE, TURN)), 1, jnp.where(before % SECOND == SLIP, 2, 0))
-    return jnp.where(is_motion & (before != NOTHING), order, 0)
+    if not num_sliders:
+        return jnp.where(is_motion & (before != NOTHING), order, 0)
+    # A slider that sticks is free, and its limits are those of a gap: it may come back to the one that it left at rest.
+    mode, old = (_mode_of_element(sequence, shift) for shift in (0, 1))
+    order = jnp.where(old == SPRING, jnp.where(before % SECOND == SLIP, 0, order), order)
+    slips_ahead = (kind == SLIP) & (old == AHEAD) | (kind == SLIP + SECOND) & (old == BEHIND)
+    returns = own & (before == STICK) & (mode == SPRING) & slips_ahead
+    return jnp.where(returns, 2, jnp.where(is_motion & (before != NOTHING), order, 0))
+
+
+def _mode_of_element(sequence: Sequence, before: int) -> Int[Array, " events"]:
+    """What the element of each event does on the flight that ends with it, or so many flights earlier."""
+    mode = jnp.roll(jnp.asarray(sequence.mode)[:-1], before, axis=0)
+    return jnp.take_along_axis(mode, jnp.asarray(sequence.stop)[:, None], axis=1)[:, 0]
+
+
+def with_stretches_of(
+    machine: Machine, v: Float[Array, " n"], mode: Int[Array, " contacts"]
+) -> Float[Array, " n"]:
+    """Velocities with the stretches of Jenkins elements that slip, in a mode of `Sequence`."""
+    if not machine.contacts.num_sliders:
+        return v
+    return machine.contacts.with_stretches(v, (mode == AHEAD).astype(int) - (mode == BEHIND).astype(int))
 
 
 def after_event(
@@ -130,7 +154,7 @@ def after_event(
     x, v = rebound(machine, end, hit, stays & contacts.is_rigid)
     if machine.has_tied_friction:  # which has an impulse too where it slips and its contact comes to rest
         contacts = contacts.directed(in_laws(machine, end, after).mode.direction)
-    return x, contacts.without_speeds(v, held_in(after), end.phase)
+    return x, with_stretches_of(machine, contacts.without_speeds(v, held_in(after), end.phase), after)
 
 
 def switched_instant(

@@ -102,8 +102,9 @@ def lyapunov_exponents(
     settling, averaged = whole_number("transient", transient), whole_number("num_periods", num_periods, 1)
     is_known = not is_traced((system, args, flow, x, v, max_steps))
     x, v = ((as_numpy_float if is_known else as_float)(a) for a in (x, v))
+    x, v = bound.start_of(x, v)
     for name, value in (("x0", x), ("v0", v)):
-        check_shape(name, value, (n,))
+        check_shape(name, value, (bound.num_coordinates,))
     zero = np.zeros((), x.dtype)
     doubts = validate_start(bound, zero, zero, zero[None], x, v)
     counts = np.asarray(settling), np.asarray(averaged)

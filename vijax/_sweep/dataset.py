@@ -32,6 +32,7 @@ _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
     "held_time": ("period", "stop"),
     "num_friction_sticks": ("friction",),
     "sticking": ("friction",),
+    "num_slider_sticks": ("hysteresis",),
     "sticking_time": ("period", "friction"),
     "lyapunov_exponents": ("exponent",),
     "lyapunov_error": ("exponent",),
@@ -66,9 +67,7 @@ def dataset(
     names = np.array(["up", "down"], object)
     directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
-    sections = (_section_table if counts.times is None else _time_table)(
-        counts, found, points.system.num_stops
-    )
+    sections = (_section_table if counts.times is None else _time_table)(counts, found, points.system)
     impacts = _impact_table(points, counts, found)
     own = dict.fromkeys(impacts, ("impact",)) | _DIMS
     if counts.times is not None:  # one motion in place of its periods
@@ -157,7 +156,7 @@ def _slopes(stops: tuple[AbstractLimit, ...], stop: Column, point: Column, phase
     return slopes
 
 
-def _section_table(counts: Counts, found: PointResults, num_stops: int) -> dict[str, np.ndarray]:
+def _section_table(counts: Counts, found: PointResults, system: ImpactSystem) -> dict[str, np.ndarray]:
     """State of every point at the end of each recorded period; NaN for periods that it did not reach."""
     is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
     x, v, held_time = (
@@ -167,26 +166,27 @@ def _section_table(counts: Counts, found: PointResults, num_stops: int) -> dict[
     for k in range(counts.record - 1, 0, -1):  # in place: `np.diff` takes memory for two more tables
         held_time[:, k] -= held_time[:, k - 1]
     return {"section_x": x, "section_v": v} | of_stops_and_friction(
-        num_stops, "held_time", "sticking_time", held_time
+        system, "held_time", "sticking_time", held_time
     )
 
 
-def _time_table(counts: Counts, found: PointResults, num_stops: int) -> dict[str, np.ndarray]:
+def _time_table(counts: Counts, found: PointResults, system: ImpactSystem) -> dict[str, np.ndarray]:
     """State of every point at the given times, NaN where it did not get there, and for how long elements held."""
     is_reached = (np.arange(counts.record) < found.ends["periods"][:, None])[..., None]
     x, v, held_time = (found.ends.pop(f"section_{name}").T for name in ("x", "v", "held_time"))
     saved = {"xs": x[:, :-1], "vs": v[:, :-1]} if counts.record > 1 else {}
     tables = {name: np.where(is_reached[:, :-1], a, np.nan) for name, a in saved.items()}
     whole = np.where(is_reached[:, -1], held_time[:, -1], np.nan)
-    return tables | of_stops_and_friction(num_stops, "held_time", "sticking_time", whole)
+    return tables | of_stops_and_friction(system, "held_time", "sticking_time", whole)
 
 
 def of_stops_and_friction(
-    num_stops: int, name: str, of_friction: str, both: np.ndarray
+    system: ImpactSystem, name: str, of_friction: str, both: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Variables of the stops, and of the friction elements if there are any, from one with stops first, (..., elements)."""
+    num_stops, end = system.num_stops, system.num_stops + len(system.friction)
     parts = {name: both[..., :num_stops]}
-    return parts if both.shape[-1] == num_stops else parts | {of_friction: both[..., num_stops:]}
+    return parts | {of_friction: both[..., num_stops:end]} if system.friction else parts
 
 
 def _exponents_table(counts: Counts, found: PointResults, period: np.ndarray) -> dict[str, np.ndarray]:
@@ -213,8 +213,11 @@ def _end_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[s
     kept = {name: ends[name].T for name in ("x", "v", "steps")} | {
         "num_impacts": ends["num_impacts"][:num_stops].T
     }
-    kept |= of_stops_and_friction(num_stops, "num_sticks", "num_friction_sticks", ends["num_sticks"].T)
-    kept |= of_stops_and_friction(num_stops, "stuck", "sticking", ends["held"].T)
+    sticks = ends["num_sticks"].T
+    kept |= of_stops_and_friction(points.system, "num_sticks", "num_friction_sticks", sticks)
+    if points.system.hysteresis:
+        kept["num_slider_sticks"] = sticks[..., -len(points.system.hysteresis) :]
+    kept |= of_stops_and_friction(points.system, "stuck", "sticking", ends["held"].T)
     kept |= {"result": code.astype(np.int8)}
     if counts.times is not None:
         return kept

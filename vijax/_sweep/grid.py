@@ -34,7 +34,7 @@ def base_of(system: AnySystem, x0: Numbers | None, v0: Numbers | None) -> LaneIn
     starts = (np.zeros(n) if a is None else np.asarray(as_float(a, name)) for name, a in given.items())
     base = LaneInput(system, *starts)
     for name in ("x0", "v0"):
-        if getattr(base, name).shape != (n,):
+        if getattr(base, name).shape not in ((n,), (system.num_coordinates,)):
             raise ValueError(
                 f"Argument `{name}` must have shape ({n},), but has {getattr(base, name).shape}."
             )
@@ -56,5 +56,5 @@ def grid_points(
     points = jax.tree.map(lambda a: np.asarray(a, dtype), points)
     for path in axes:
         check_column(path)
-    full = lambda a: np.array(np.broadcast_to(a, (base.system.num_masses, grid.shape[1])))  # noqa: E731
+    full = lambda a: np.array(np.broadcast_to(a, (len(a), grid.shape[1])))  # noqa: E731
     return LaneInput(points.system, full(points.x0), full(points.v0))

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         "impulse",
         "dissipated_energy",
         "impact_rate",
+        "hysteresis_energy",
         "mean_velocity",
     ]
     ImpactOrdinate = Literal["velocity", "relative velocity", "phase"]

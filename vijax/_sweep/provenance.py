@@ -16,7 +16,9 @@ from .._dataset_attributes import versions
 from .._dataset_checks import check_is_dataset
 from .._execution.points import LaneInput, lanes_with_values, with_values
 from .._execution.runner import Counts
+from .._flow.force_flow import ForceFlow
 from .._flow.interface import AbstractFlow
+from .._flow.taylor import TaylorFlow
 from .._system.description import build_from
 from .._system.family import Family
 from .._system.family_description import attributes_of_system, system_from
@@ -62,7 +64,14 @@ def origin(
 
 
 def name_of_flow(motion: AbstractFlow, wanted: AbstractFlow | None) -> str:
-    """Name of the flow in the attributes: the class if it was chosen, all fields if it was requested."""
+    """Name of the flow in the attributes: the class if it was chosen, all fields that count if it was requested."""
+    if isinstance(motion, TaylorFlow | ForceFlow) and isinstance(wanted, TaylorFlow | None):
+        of_force = isinstance(motion, ForceFlow) and wanted is not None
+        return (
+            f"TaylorFlow(order={motion.order}, tolerance={motion.tolerance})"
+            if of_force
+            else ("TaylorFlow" if wanted is None else "TaylorFlow()")
+        )
     return type(motion).__name__ if wanted is None else eqx.tree_pformat(wanted, width=10**6)
 
 

@@ -98,6 +98,10 @@ def checked_quantities(wanted: Sequence[str], system: ImpactSystem, counts: Coun
         raise ValueError(
             f"Argument `record` must be {least} or more for these `quantities`, but is {counts.record}."
         )
+    if "hysteresis_energy" in names and not system.hysteresis:
+        raise ValueError(
+            'The quantity "hysteresis_energy" is that of Jenkins elements, which this machine does not have: leave it out.'
+        )
     of_impacts = [name for name in names if name in ("impulse", "dissipated_energy")]
     if of_impacts:
         _check_impacts(of_impacts[0], system, counts)
@@ -178,6 +182,10 @@ def _rms(square: str, recorded: _Recorded) -> np.ndarray:
     return np.where(recorded.is_done, np.sqrt(mean), np.nan)
 
 
+def _hysteresis_energy(recorded: _Recorded) -> np.ndarray:
+    return _extreme("hysteresis_energy", recorded) / recorded.counts.record
+
+
 def _impulse(impact: _Impact) -> np.ndarray:
     """Impulse m (1 + r) u, and that of the rest of a chatter, m (1 + r) (u + r u + r^2 u + ...)."""
     rest = impact.chatter * (1 + impact.light) / (1 - np.where(impact.chatter > 0, impact.light, 0))
@@ -246,6 +254,7 @@ _QUANTITIES: dict[str, Callable[[_Recorded], np.ndarray]] = {
     "impact_rate": _impact_rate,
     "impulse": partial(_summed, _impulse),
     "dissipated_energy": partial(_summed, _dissipated_energy),
+    "hysteresis_energy": _hysteresis_energy,
     "mean_velocity": _mean_velocity,
 }
 # Observations that a quantity needs, see `observer.py`.
@@ -253,12 +262,14 @@ _OBSERVED = {name: (name,) for name in EXTREMES if name not in OF_BASE} | {
     "peak_to_peak": ("max_position", "min_position"),
     "rms_position": ("square_position",),
     "rms_velocity": ("square_velocity",),
+    "hysteresis_energy": ("hysteresis_energy",),
     "rms_acceleration": ("square_acceleration",),
     "max_absolute_acceleration": OF_BASE,
 }
 # Dimensions besides those of the points.
 DIMS: dict[str, tuple[str, ...]] = {
     **{name: ("stop",) if name == "max_force" else ("mass",) for name in _OBSERVED},
+    "hysteresis_energy": ("hysteresis",),
     "section_position": ("period", "mass"),
     "section_velocity": ("period", "mass"),
     "impact_rate": ("stop",),

@@ -27,7 +27,7 @@ _PATH = "path"
 # End of the name of a coordinate that holds swept arrays, whose dimension counts them.
 _ARRAYS = ".values"
 # First parts of paths.
-_PARTS = ("forcing", "stops", "friction", "force", "args")
+_PARTS = ("forcing", "stops", "friction", "hysteresis", "force", "args")
 
 
 def without_names(

@@ -80,7 +80,7 @@ def sweep(
             or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
         v0: velocities at the start of every point, (n,); zero if left out.
-        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for one with
+        flow: the motion between events. If left out, exact for a linear machine, and `vx.TaylorFlow()` for one with
             a `force`, which must depend on t with the period of the load, or not at all; with `duration` in any way.
         args: passed to the `force` of the machine.
         lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to
@@ -95,7 +95,8 @@ def sweep(
             "section_velocity", which equal `section_x` and `section_v`; "impact_rate" (..., stop), recorded impacts per
             unit of time; "impulse" (..., period, stop), the sum of m |v+ - v-| over the impacts of a period, those of
             complete chatters included, NaN at compliant stops; "dissipated_energy", the energy that they lose in the frame of the
-            stop, likewise; and "mean_velocity" (..., mass), from the end of the first recorded period to that of the last.
+            stop, likewise; "hysteresis_energy" (..., hysteresis), the energy that each Jenkins element dissipates in a
+            period, in the mean; and "mean_velocity" (..., mass), from the end of the first recorded period to that of the last.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point. If left out, every point has its own, far more than any sound
             motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is simulated * (highest

@@ -60,7 +60,7 @@ def sweep_zipped(
     """
     x0, v0 = np.split(states, 2, axis=1)
     starts = {"x0": x0, "v0": v0}
-    zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
+    zero = np.zeros(x0.shape[1], np.asarray(system.mass).dtype)
     base = LaneInput(system, zero, zero)
     given = dict(values) | starts
     counts_periods = counts.times is None

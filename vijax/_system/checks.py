@@ -198,8 +198,9 @@ def check_machines(system: Any, x0: Array | np.ndarray, *, counts_periods: bool 
         check_finite(name, np.asarray(getattr(system, name)))
     for j, stop in enumerate(system.stops):
         stop.check_law(f"stops[{j}].", check_every)
-    for k, element in enumerate(system.friction):
-        element.check_law(f"friction[{k}].", check_every)
+    for name in ("friction", "hysteresis"):
+        for k, element in enumerate(getattr(system, name)):
+            element.check_law(f"{name}[{k}].", check_every)
     refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
     check_slots(system.stops)
     check_room(system.stops)

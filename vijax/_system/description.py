@@ -13,6 +13,7 @@ from .force_description import build_force, describe_force
 from .forces_by_path import Allowed
 from .forcing import Harmonic
 from .friction import Friction
+from .hysteresis import Jenkins
 from .load import AbstractLoad
 from .load_description import build_load, describe_load
 from .restitution import AbstractRestitution, describe_restitution, laws_by_name
@@ -21,7 +22,7 @@ from .system import AnyStop, ImpactSystem
 from .tables import arrays_of, check_names, lists_of, one_array, table_of
 
 _ARRAYS = ("mass", "damping", "stiffness")
-_OPTIONAL = "stops", "friction", "force", "args", "num_states"
+_OPTIONAL = "stops", "friction", "hysteresis", "force", "args", "num_states"
 _OF_MOTION = "amplitude", "phase", "mean"
 _OF_LIMIT = "position", "restitution"
 # Numbers of friction, the one that it must have first.
@@ -41,6 +42,7 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
         "forcing": describe_load(system.forcing),
         "stops": [_place(stop) | {"position": float(stop.position)} | _law(stop) for stop in system.stops],
         **({"friction": [_rubbing(element) for element in system.friction]} if system.friction else {}),
+        **({"hysteresis": [_slider(element) for element in system.hysteresis]} if system.hysteresis else {}),
         **({"num_states": system.num_states} if system.num_states else {}),
     }
 
@@ -70,15 +72,14 @@ def build(
     if not isinstance(given, list):
         raise ValueError(f"`stops` must be a list of tables, but is {given!r}.")
     stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(given)]
-    rubbing = description.get("friction", [])
-    if not isinstance(rubbing, list):
-        raise ValueError(f"`friction` must be a list of tables, but is {rubbing!r}.")
-    friction = [_friction(f"friction[{k}]", lists, dtype) for k, lists in enumerate(rubbing)]
+    friction, hysteresis = (
+        [read(f"{part}[{k}]", lists, dtype) for k, lists in enumerate(_tables(part, description))]
+        for part, read in (("friction", _friction), ("hysteresis", _jenkins))
+    )
     own = build_force(description, allow_forces, force)
     num_states = description.get("num_states", 0)
-    system = ImpactSystem(
-        **arrays, forcing=forcing, stops=stops, force=own, friction=friction, num_states=num_states
-    )
+    elements = {"stops": stops, "friction": friction, "hysteresis": hysteresis}
+    system = ImpactSystem(**arrays, forcing=forcing, force=own, num_states=num_states, **elements)
     # Built in JAX's precision, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
     return jax.tree.map(lambda a: a.astype(narrow), system)
@@ -104,7 +105,14 @@ def _place(stop: AnyStop) -> dict[str, Any]:
     return _described_row(stop)
 
 
-def _described_row(element: Contact | CompliantContact | Friction) -> dict[str, Any]:
+def _tables(part: str, description: dict[str, Any]) -> list:
+    given = description.get(part, [])
+    if not isinstance(given, list):
+        raise ValueError(f"`{part}` must be a list of tables, but is {given!r}.")
+    return given
+
+
+def _described_row(element: Contact | CompliantContact | Friction | Jenkins) -> dict[str, Any]:
     return {"row": {str(i): float(a) for i, a in element.coefficients.items()}}
 
 
@@ -122,6 +130,11 @@ def _rubbing(element: Friction) -> dict[str, Any]:
     numbers = {name: getattr(element, name) for name in (*_OF_FRICTION, *_OF_TIED_FRICTION)}
     known = {name: float(a) for name, a in numbers.items() if a is not None}
     return _described_row(element) | known | ({"contact": element.contact} if element.is_tied else {})
+
+
+def _slider(element: Jenkins) -> dict[str, Any]:
+    numbers = {"stiffness": element.stiffness, "limit": element.limit, "slider": element.slider}
+    return _described_row(element) | {name: float(a) for name, a in numbers.items() if a is not None}
 
 
 def _stop(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> AnyStop:
@@ -163,6 +176,17 @@ def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
     try:
         row = _row(f"{name}.row", lists["row"], dtype)
         return Friction(row, **numbers, contact=lists.get("contact", 0) if is_tied else None)
+    except ValueError as error:
+        raise ValueError(f"In `{name}`: {error}") from error
+
+
+def _jenkins(name: str, lists: Any, dtype: DTypeLike) -> Jenkins:
+    check_names(f"`{name}`", lists, ("row", "stiffness", "limit"), ("slider",))
+    numbers = {
+        a: one_array(f"{name}.{a}", lists[a], dtype) for a in ("stiffness", "limit", "slider") if a in lists
+    }
+    try:
+        return Jenkins(_row(f"{name}.row", lists["row"], dtype), **numbers)
     except ValueError as error:
         raise ValueError(f"In `{name}`: {error}") from error
 

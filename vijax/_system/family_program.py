@@ -244,7 +244,7 @@ def _check_alike(one: ImpactSystem, other: ImpactSystem) -> None:
 def _make(system: ImpactSystem) -> tuple:
     elements = [
         (type(one), getattr(one, "mass", None), getattr(one, "side", None), tuple(one.coefficients))
-        for one in (*system.stops, *system.friction)
+        for one in (*system.stops, *system.friction, *system.hysteresis)
     ]
     return elements, system.num_states, [tuple(a.shape) for a in jax.tree.leaves(system)]
 

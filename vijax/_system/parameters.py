@@ -212,9 +212,9 @@ def _names_nothing(whole: eqx.Module, path: str) -> str:
     names, system = parameter_names(whole), _system_of(whole)
     if isinstance(system, AbstractFamily):
         return _no_value(path, names, system.system)
-    every = [re.sub(r"^(stops|friction)\[\d+\]", r"\1[*]", name) for name in names]
+    every = [re.sub(r"^(stops|friction|hysteresis)\[\d+\]", r"\1[*]", name) for name in names]
     meant = did_you_mean(path, dict.fromkeys([*every, *names]))
-    for part in ("stops", "friction"):
+    for part in ("stops", "friction", "hysteresis"):
         own = dict.fromkeys(
             re.sub(part + r"\[\d+\]", "", name) for name in names if name.startswith(f"{part}[")
         )

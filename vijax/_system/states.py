@@ -92,5 +92,6 @@ def with_states(
         system.forcing.with_more(m),
         system.stops,
         friction=system.friction,
+        hysteresis=system.hysteresis,
         num_states=system.num_states + m,
     )

@@ -16,6 +16,7 @@ class Symmetry:
         offset: d, (n,): zero but for a machine that is symmetric about another point.
         stops: for each stop the one whose events it takes over.
         friction: the same for friction elements.
+        stretches: the matrix of the stretches of Jenkins elements, a signed permutation, (hysteresis, hysteresis).
 
     Example:
         ```python
@@ -32,11 +33,34 @@ class Symmetry:
     offset: np.ndarray
     stops: tuple[int, ...]
     friction: tuple[int, ...]
+    stretches: np.ndarray
 
     @property
     def order(self) -> int:
         """Number of times that S gives the identity."""
         return order_of(self.matrix)
+
+    def image(self, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Map a state of an orbit, whose last coordinates are those of Jenkins elements, without the shift in time.
+
+        Args:
+            x: positions, (n,) or (n + hysteresis,).
+            v: velocities, of the same shape.
+
+        Returns:
+            Positions and velocities of the image.
+
+        Example:
+            ```python
+            import vijax as vx
+            (mirror,) = vx.models.gear_pair(1.0, 0.3).symmetries()
+            x, v = mirror.image([0.5], [0.1])
+            ```
+        """
+        n = len(self.matrix)
+        x, v = np.asarray(x), np.asarray(v)
+        image = np.concatenate([self.matrix @ x[:n] + self.offset, x[n:]])
+        return image, np.concatenate([self.matrix @ v[:n], self.stretches[:, : len(v) - n] @ v[n:]])
 
     def __repr__(self) -> str:
         partner = np.argmax(np.abs(self.matrix), axis=1)

@@ -59,7 +59,8 @@ class _Limit(NamedTuple):
     """A stop, contact or friction element.
 
     Attributes:
-        kind: "rigid", "compliant" or "friction", whose law is odd: its row and its place may change sign together.
+        kind: "rigid", "compliant", "friction" or "hysteresis". The laws of the last two are odd: row and place may change sign
+            together.
         row: its row, (n,).
         place: position or, of friction, velocity along the row, at some instants.
         law: its other numbers, a pytree.
@@ -72,7 +73,7 @@ class _Limit(NamedTuple):
 
     @property
     def is_odd(self) -> bool:
-        return self.kind == "friction"
+        return self.kind in ("friction", "hysteresis")
 
     def is_like(self, other: "_Limit") -> bool:
         """True if both have the same kind of law and its numbers."""
@@ -88,8 +89,9 @@ class _Machine(NamedTuple):
         is_state: flags of first-order states, (n,).
         load: load at some instants, (instants, n).
         common: the load repeats after 1 / `common` of the period; 0 if it is constant.
-        limits: stops and contacts, then friction elements.
-        num_stops: number of the former.
+        limits: stops and contacts, then friction, then Jenkins elements.
+        num_stops: number of stops and contacts.
+        num_sliders: number of Jenkins elements.
         force: any other force, as a function of instants, positions and velocities; None if there is none.
     """
 
@@ -99,6 +101,7 @@ class _Machine(NamedTuple):
     common: int
     limits: list[_Limit]
     num_stops: int
+    num_sliders: int
     force: Callable | None
 
     @classmethod
@@ -121,8 +124,9 @@ class _Machine(NamedTuple):
             is_state=system.is_state,
             load=lambda at: np.sum([load_at(load, at, frequency) for load in system.forcing.loads], axis=0),
             common=(common or (1 if force is not None else 0)) if is_periodic else 0,
-            limits=stops + rubbing,
+            limits=stops + rubbing + [_slider_of(one, system.num_masses) for one in system.hysteresis],
             num_stops=len(stops),
+            num_sliders=len(system.hysteresis),
             force=None if force is None else _force_at(force, frequency),
         )
 
@@ -142,6 +146,11 @@ def _limit_of(stop: Any, n: int) -> _Limit:
 def _friction_of(one: Any, n: int) -> _Limit:
     row, velocity = _row_of(one.coefficients, n), float(one.velocity)
     return _Limit("friction", row, lambda at: velocity + 0 * at, (one.force, one.grip))
+
+
+def _slider_of(one: Any, n: int) -> _Limit:
+    # Where it starts is no part of the machine, and its force depends on the motion of its row alone.
+    return _Limit("hysteresis", _row_of(one.coefficients, n), lambda at: 0 * at, (one.stiffness, one.limit))
 
 
 def _row_of(coefficients: dict[int, Any], n: int) -> np.ndarray:
@@ -282,9 +291,13 @@ def _symmetry(machine: _Machine, matrix: np.ndarray, shift: Fraction) -> Symmetr
     offset = _offset(machine, matrix, float(shift), pairs)
     if offset is None or not _keeps_force(machine, matrix, float(shift), offset):
         return None
-    stops = tuple(k for k, _ in pairs[: machine.num_stops])
-    rubbing = tuple(k - machine.num_stops for k, _ in pairs[machine.num_stops :])
-    return Symmetry(matrix, shift, offset, stops, rubbing)
+    first, last = machine.num_stops, len(pairs) - machine.num_sliders
+    stops = tuple(k for k, _ in pairs[:first])
+    rubbing = tuple(k - first for k, _ in pairs[first:last])
+    stretches = np.zeros((machine.num_sliders, machine.num_sliders))
+    for j, (k, sign) in enumerate(pairs[last:]):
+        stretches[j, k - last] = sign
+    return Symmetry(matrix, shift, offset, stops, rubbing, stretches)
 
 
 def _pairs(machine: _Machine, matrix: np.ndarray, shift: float) -> list[tuple[int, int]] | None:

@@ -27,6 +27,7 @@ from .contact import Contact
 from .force import BoundForce, as_force, bind_args, name_of_force
 from .forcing import Harmonic
 from .friction import Friction
+from .hysteresis import Jenkins, with_stretches
 from .load import AbstractLoad, LoadSum
 from .painleve import check_slip
 from .stop import Stop
@@ -52,10 +53,11 @@ class ImpactSystem(eqx.Module):
             `vx.CompliantContact`, in any mixture; results number them in this order.
         force: any other force on the masses, a smooth JAX function of the time (a number), positions and velocities
             (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an `eqx.Module`, whose numbers are
-            parameters of the machine, or a plain function. A machine with a force is nonlinear, and is simulated by
-            `DiffraxFlow`. Stroboscopic maps and sweeps need a force that depends on t with the period of the load, or
-            not at all.
+            parameters of the machine, or a plain function. A machine with a force is nonlinear, and moves by
+            `TaylorFlow`, or by `DiffraxFlow` where the force has no Taylor series. Stroboscopic maps and sweeps need a
+            force that depends on t with the period of the load, or not at all.
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
+        hysteresis: any number of `vx.Jenkins`, not beside a `force`; event logs number them in this order after friction.
         num_states: number of last coordinates of which the velocity alone counts: first-order states, such as a voltage,
             see `vx.with_states`. Their columns of K are zero, their positions are 0 in all results.
 
@@ -81,6 +83,7 @@ class ImpactSystem(eqx.Module):
     stops: tuple[AnyStop, ...]
     force: Callable | None
     friction: tuple[Friction, ...]
+    hysteresis: tuple[Jenkins, ...]
     num_states: int = eqx.field(static=True)
 
     def __init__(
@@ -93,6 +96,7 @@ class ImpactSystem(eqx.Module):
         force: Any = None,
         friction: Sequence[Friction] = (),
         num_states: int = 0,
+        hysteresis: Sequence[Jenkins] = (),
     ):
         self.num_states = whole_number("num_states", num_states, 0)
         self.mass = as_float(mass, "mass")
@@ -108,10 +112,11 @@ class ImpactSystem(eqx.Module):
                 f"Argument `force`, behind `stops`, must be a function force(t, x, v, args), but is {force!r}: give friction by "
                 "its name, `friction=[...]`."
             )
-        _check_parts(forcing, stops, friction)
+        _check_parts(forcing, stops, friction, hysteresis)
         self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
         self.force = as_force(force)
         self.friction = in_full_precision(tuple(friction))
+        self.hysteresis = in_full_precision(tuple(hysteresis))
 
     def __check_init__(self):
         n = len(self.mass) if self.mass.ndim else 0
@@ -129,7 +134,14 @@ class ImpactSystem(eqx.Module):
                     f"`{path}` must end in the number of masses, {n}, but has shape {values.shape}."
                 )
         self._check_stops()
-        self._check_friction()
+        self._check_rows("friction", self.friction)
+        self._check_rows("hysteresis", self.hysteresis)
+        self._check_contacts_of_friction()
+        if self.hysteresis and self.force is not None:
+            raise ValueError(
+                "Argument `hysteresis` is for machines without `force`: leave one of them out, or write the force as matrices, "
+                "stops and friction."
+            )
         self._check_values()
         if self.num_states:
             self._check_states()
@@ -157,14 +169,16 @@ class ImpactSystem(eqx.Module):
         check_slots(self.stops)
         check_room(self.stops)
 
-    def _check_friction(self):
-        for k, element in enumerate(self.friction):
+    def _check_rows(self, name: str, elements: Sequence[Any]):
+        for k, element in enumerate(elements):
             unknown = [mass for mass in element.coefficients if mass >= self.num_masses]
             if unknown:
                 raise ValueError(
-                    f"`friction[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
+                    f"`{name}[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
                 )
 
+    def _check_contacts_of_friction(self):
+        for k, element in enumerate(self.friction):
             if element.contact is not None and element.contact >= len(self.stops):
                 stops = "no stops" if not self.stops else f"stops 0 to {len(self.stops) - 1}"
                 raise ValueError(
@@ -178,7 +192,8 @@ class ImpactSystem(eqx.Module):
             raise ValueError(
                 f"Argument `num_states` is {self.num_states}, but of {self.num_masses} coordinates one at least must be a mass."
             )
-        for name, elements in (("stops", self.stops), ("friction", self.friction)):
+        for name in ("stops", "friction", "hysteresis"):
+            elements = getattr(self, name)
             for j, element in enumerate(elements):
                 if max(element.coefficients) >= first:
                     raise ValueError(
@@ -212,6 +227,15 @@ class ImpactSystem(eqx.Module):
         return self.mass.shape[0]
 
     @property
+    def num_coordinates(self) -> int:
+        """Number of coordinates in the engine: those of the machine, and one for each Jenkins element."""
+        return self.num_masses + len(self.hysteresis)
+
+    def start_of(self, x: Any, v: Any) -> tuple[Any, Any]:
+        """Start of all coordinates, from that of the machine or of all; lanes may be last."""
+        return with_stretches(self.hysteresis, self.num_masses, x, v)
+
+    @property
     def is_state(self) -> np.ndarray:
         """Flags of the coordinates that are first-order states, (n,)."""
         return np.arange(self.num_masses) >= self.num_masses - self.num_states
@@ -233,8 +257,8 @@ class ImpactSystem(eqx.Module):
 
     @property
     def is_switching(self) -> bool:
-        """True if there are friction elements or compliant stops, so that forces switch between linear laws."""
-        return bool(self.friction) or any(stop.is_compliant for stop in self.stops)
+        """True if there are friction, Jenkins elements or compliant stops, so that forces switch between linear laws."""
+        return bool(self.friction) or bool(self.hysteresis) or any(stop.is_compliant for stop in self.stops)
 
     @property
     def num_stops(self) -> int:
@@ -308,8 +332,8 @@ def machine_of(system: AnySystem) -> ImpactSystem:
     return system.bound_system if isinstance(system, AbstractFamily) else system
 
 
-def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
-    """Reject a `forcing` that is not a load, or `stops` or `friction` that are not lists of such."""
+def _check_parts(forcing: Any, stops: Any, friction: Any, hysteresis: Any) -> None:
+    """Reject a `forcing` that is not a load, or `stops`, `friction` or `hysteresis` that are not lists of such."""
     if not isinstance(forcing, AbstractLoad):
         raise ValueError(
             "Argument `forcing` must be a load, a `vx.Harmonic`, `vx.Tabulated` or `vx.Waveform`, or a sum of such by `+`, or None "
@@ -323,6 +347,10 @@ def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
     if not isinstance(friction, list | tuple) or not all(isinstance(one, Friction) for one in friction):
         raise ValueError(
             f"Argument `friction` must be a list of `vx.Friction`, also where there is one, but is {friction!r}."
+        )
+    if not isinstance(hysteresis, list | tuple) or not all(isinstance(one, Jenkins) for one in hysteresis):
+        raise ValueError(
+            f"Argument `hysteresis` must be a list of `vx.Jenkins`, also where there is one, but is {hysteresis!r}."
         )
 
 
@@ -370,7 +398,7 @@ def refuse_switching(who: str, system: ImpactSystem) -> None:
 def check_again(system: ImpactSystem) -> None:
     """Reject a machine whose numbers were replaced by invalid ones after it was built."""
     loads = system.forcing.loads if isinstance(system.forcing, LoadSum) else ()
-    for part in (system.forcing, *loads, *system.stops, *system.friction, system):
+    for part in (system.forcing, *loads, *system.stops, *system.friction, *system.hysteresis, system):
         for kind in type(part).__mro__:  # as Equinox does at construction
             if "__check_init__" in vars(kind):
                 vars(kind)["__check_init__"](part)
@@ -435,6 +463,7 @@ def chain(
     stops: Sequence[AnyStop] = (),
     force: Any = None,
     friction: Sequence[Friction] = (),
+    hysteresis: Sequence[Jenkins] = (),
 ) -> ImpactSystem:
     """Build a chain of masses: wall, spring and damper, mass, spring and damper, mass, ...
 
@@ -449,6 +478,7 @@ def chain(
         stops: the stops.
         force: any other force on the masses, see `ImpactSystem`.
         friction: the friction elements.
+        hysteresis: the Jenkins elements.
 
     Returns:
         The machine, with the matrices of Eqs. 1 and 2.
@@ -474,9 +504,8 @@ def chain(
                 f"Argument `{name}` must have one entry per mass, shape ({mass.size},), "
                 f"but has shape {values.shape}."
             )
-    return ImpactSystem(
-        mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops, force, friction
-    )
+    matrices = mass, _chain_matrix(damping), _chain_matrix(stiffness)
+    return ImpactSystem(*matrices, forcing, stops, force, friction, hysteresis=hysteresis)
 
 
 def _chain_matrix(links: Float[Array, " n"]) -> Float[Array, "n n"]:

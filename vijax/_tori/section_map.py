@@ -86,7 +86,7 @@ def _images(
     phase: Reals,
 ) -> tuple[Array, Array, Array]:
     def image(z: Array, value: Array) -> tuple[Array, Array]:
-        machine, n = machine_at(system, path, value), system.num_masses
+        machine, n = machine_at(system, path, value), system.num_coordinates
         x, v = stroboscopic_map(
             machine, z[:n], z[n:], num_periods, phase=phase, flow=flow, args=args, throw=False
         )

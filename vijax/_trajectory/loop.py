@@ -325,7 +325,7 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         result = RESULTS.where(state.mode.paradox, RESULTS.friction_paradox, result)
     result = RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
     x1, v1 = machine.in_space(state)
-    num_stops = machine.contacts.num_stops
+    num_stops, num_sliders = machine.contacts.num_stops, machine.contacts.num_sliders
     # A contact that friction keeps closed holds too, without a force.
     at_rest = state.held if state.mode is None else state.held | state.is_kept_closed
     time = t0 + state.periods * machine.period + state.time
@@ -336,7 +336,7 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         x1=x1,
         v1=v1,
         stuck1=at_rest[:num_stops],
-        sticking1=at_rest[num_stops:],
+        sticking1=at_rest[num_stops : machine.contacts.num - num_sliders],
         events=event_log(machine, log.kept_instants(), log.kept().phase, choices.room, log.places),
         num_events=jnp.minimum(log.num_events, request.max_events),
         num_steps=last.steps,
@@ -349,4 +349,5 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         restarts=log.kept(),
         max_steps=task.max_steps,
         known_until=jnp.where(is_full, log.known_until, jnp.where(is_done, t1, time)),
+        last_sliders=machine.contacts.sliders(state.x, state.v) if num_sliders else None,
     )

@@ -46,6 +46,7 @@ SQUARES = {
     "square_position": "position",
     "square_velocity": "velocity",
     "square_acceleration": "acceleration",
+    "hysteresis_energy": "root_slip_power",
 }
 # Those that need the part of the load that a moving base makes.
 OF_BASE = ("highest_absolute_acceleration", "lowest_absolute_acceleration")
@@ -57,12 +58,12 @@ _REFINEMENTS = 2
 Observed = dict[str, Array]
 
 
-def nothing_observed(names: Sequence[str], like: State, num_stops: int) -> Observed:
+def nothing_observed(names: Sequence[str], like: State, num_stops: int, num_sliders: int) -> Observed:
     """Observations before the first step, for a state whose arrays are as those of `like`."""
     n, lanes = len(like.x), like.x.shape[1:]
 
     def of(name: str) -> Array:
-        size = num_stops if name == "max_force" else n
+        size = {"max_force": num_stops, "hysteresis_energy": num_sliders}.get(name, n)
         # A stop without a load has the force 0; all else has no extreme yet.
         least = 0.0 if name in SQUARES or name == "max_force" else -EXTREMES[name][1] * np.inf
         return jnp.full((size, *lanes), least, like.x.dtype)
@@ -142,7 +143,8 @@ def _of_step(
         own, rows = rows[:size], rows[size:]
         found[name] = EXTREMES[name][1] * stack(own) if own else jnp.zeros((0, *length.shape), length.dtype)
     for name in squares:
-        own, sums = sums[: machine.num_masses], sums[machine.num_masses :]
+        size = machine.contacts.num_sliders if name == "hysteresis_energy" else machine.num_masses
+        own, sums = sums[:size], sums[size:]
         found[name] = stack(own)
     return found
 
@@ -249,6 +251,11 @@ def _signals(machine: Machine, state: State, hold: Held, names: set[str]) -> dic
         found["acceleration"] = machine.acceleration_in_space(state, load, hold)
     if "absolute acceleration" in names:
         found["absolute acceleration"] = machine.absolute(found["acceleration"], state)
+    if contacts.num_sliders and state.mode is not None:
+        # The loss while a slider slips; a root, as it is summed as a square.
+        slips = state.mode.direction != 0
+        power = jnp.where(slips, free * contacts.along(state.v), 0)[-contacts.num_sliders :]
+        found["root_slip_power"] = jnp.sqrt(jnp.maximum(power, 0))
     return found
 
 

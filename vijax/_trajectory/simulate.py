@@ -63,7 +63,7 @@ def simulate(
         x0: positions at t0, (n,); zero if left out. May lie on a stop.
         v0: velocities at t0, (n,); zero if left out.
         ts: times at which to save the state, in increasing order; t1 if left out.
-        flow: the motion between events; if left out, exact for a linear machine, `vx.DiffraxFlow()` for one with a
+        flow: the motion between events; if left out, exact for a linear machine, `vx.TaylorFlow()` for one with a
             `force`.
         args: passed to the `force` of the machine: numbers and arrays in any nesting.
         max_events: length of the event log. If left out, 1024 or as many as the motion has, up to a million; always 1024
@@ -94,6 +94,24 @@ def simulate(
     """
     warn_about_reverse_steps(max_reverse_steps)
     settings = Settings(max_events, max_steps, () if throw else None)
+    return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args).of_masses
+
+
+def simulate_all(
+    system: AnySystem,
+    t0: ArrayLike,
+    t1: ArrayLike,
+    x0: Numbers,
+    v0: Numbers,
+    *,
+    ts: Numbers | None = None,
+    flow: AbstractFlow | None = None,
+    args: object = None,
+    max_events: Count | None = None,
+    throw: bool = True,
+) -> Solution:
+    """`simulate` with positions and velocities of all coordinates, those of Jenkins elements last."""
+    settings = Settings(max_events, None, () if throw else None)
     return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args)
 
 
@@ -121,7 +139,7 @@ def simulate_with(
     flow: AbstractFlow | None = None,
     args: object = None,
 ) -> Solution:
-    """`simulate` with its options as `Settings`."""
+    """`simulate` with its options as `Settings`; positions and velocities are those of all coordinates."""
     max_steps, own = bound_of_steps(settings.max_steps), machine_of(system)
     known, given = remembered(own, args), (flow, [t0, t1, ts, x0, v0], max_steps)
     if is_traced(given if known else (own, args, given)):
@@ -136,8 +154,10 @@ def simulate_with(
     times = end[None] if ts is None else convert(ts, "ts")
     x, v = (convert(zeros if a is None else a, name) for name, a in (("x0", x0), ("v0", v0)))
     for name, value in (("x0", x), ("v0", v)):
-        if value.shape != zeros.shape:
+        if value.shape != zeros.shape and value.shape != (own.num_coordinates,):
             raise ValueError(f"Argument `{name}` must have shape {zeros.shape}, but has shape {value.shape}.")
+    if own.hysteresis:
+        x, v = own.start_of(x, v)
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
     if known and ts is None and known.admits(begin, end, x, v):

@@ -93,6 +93,7 @@ class Solution(eqx.Module):
         v1: velocity at t1, (n,).
         stuck1: flags of the stops that hold their mass at t1, (stops,).
         sticking1: flags of the friction elements that stick at t1, (friction,).
+        sliders1: sliders of the Jenkins elements at t1, (hysteresis,).
         events: event log.
         num_events: number of logged events.
         num_steps: number of steps, including trials that were not taken.
@@ -124,6 +125,26 @@ class Solution(eqx.Module):
     restarts: Restarts
     max_steps: Int[Array, ""]
     known_until: Scalar
+    last_sliders: Any = None
+
+    @property
+    def sliders1(self) -> Float[Array, " hysteresis"]:
+        """Sliders of the Jenkins elements at t1."""
+        return self.x1[..., :0] if self.last_sliders is None else self.last_sliders
+
+    @property
+    def num_sliders(self) -> int:
+        """Number of Jenkins elements."""
+        return self.sliders1.shape[-1]
+
+    @property
+    def of_masses(self) -> "Solution":
+        """The same with positions and velocities of the masses alone, without coordinates of Jenkins elements."""
+        if self.last_sliders is None:
+            return self
+        num = self.x1.shape[-1] - self.num_sliders
+        names = lambda s: (s.xs, s.vs, s.x1, s.v1)  # noqa: E731
+        return eqx.tree_at(names, self, tuple(a[..., :num] for a in names(self)))
 
     @property
     def machine(self) -> Machine:
@@ -155,15 +176,15 @@ class Solution(eqx.Module):
             x, v = sol.evaluate(jnp.linspace(0.0, 50.0, 1001))
             ```
         """
-        now = self._at(t)
-        return now.x, now.v
+        now, n = self._at(t), self.x1.shape[-1]
+        return now.x[..., :n], now.v[..., :n]
 
     @property
     def accelerations(self) -> Float[Array, "*lanes times n"]:
         """Accelerations at `ts`, see `acceleration`; (times, n), behind the axes of a batch."""
         if self.t1.ndim == 0:
             return self.acceleration(self.ts)
-        return _evaluate_batch(self, self.ts, in_axes=(0, 0)).acceleration
+        return _evaluate_batch(self, self.ts, in_axes=(0, 0)).acceleration[..., : self.x1.shape[-1]]
 
     def acceleration(self, t: Numbers) -> Float[Array, "... n"]:
         """Evaluate accelerations at any time, as exactly as the trajectory itself.
@@ -188,7 +209,7 @@ class Solution(eqx.Module):
             acceleration = sol.acceleration(50.0)
             ```
         """
-        return self._at(t).acceleration
+        return self._at(t).acceleration[..., : self.x1.shape[-1]]
 
     def contact_force(self, t: Numbers) -> Float[Array, "... stops"]:
         """Evaluate the contact force of each stop while it holds its mass; 0 while it does not.
@@ -238,7 +259,60 @@ class Solution(eqx.Module):
             force = vx.simulate(system, 0.0, 50.0).friction_force(50.0)
             ```
         """
-        return self._at(t).force[..., self.stuck1.shape[-1] :]
+        force, num_stops = self._at(t).force, self.stuck1.shape[-1]
+        return force[..., num_stops : force.shape[-1] - self.num_sliders]
+
+    def hysteresis_force(self, t: Numbers) -> Float[Array, "... hysteresis"]:
+        """Evaluate the force S of each Jenkins element, which acts on the masses with -row S.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            Force, of the shape of `t` and then (hysteresis,), behind the axes of a batch; NaN where `evaluate` is.
+
+        Raises:
+            ValueError: as for `evaluate`.
+
+        Example:
+            ```python
+            import jax.numpy as jnp, vijax as vx
+            load = vx.Harmonic(amplitude=[0.5], frequency=0.9)
+            system = vx.ImpactSystem([1.0], [[0.02]], [[1.0]], load, hysteresis=[vx.Jenkins(0, 1.0, 0.3)])
+            sol = vx.simulate(system, 0.0, 50.0)
+            t = jnp.linspace(40.0, 50.0, 200)
+            loop = sol.evaluate(t)[0], sol.hysteresis_force(t)
+            ```
+        """
+        force = self._at(t).force
+        return force[..., force.shape[-1] - self.num_sliders :]
+
+    def evaluate_sliders(self, t: Numbers) -> Float[Array, "... hysteresis"]:
+        """Evaluate the slider z of each Jenkins element.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            Sliders, lengths along the rows, of the shape of `t` and then (hysteresis,), behind the axes of a batch; NaN where
+            `evaluate` is.
+
+        Raises:
+            ValueError: as for `evaluate`.
+
+        Example:
+            ```python
+            import vijax as vx
+            system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], hysteresis=[vx.Jenkins(0, 1.0, 0.3)])
+            slider = vx.simulate(system, 0.0, 50.0, [2.0], [0.0]).evaluate_sliders(50.0)
+            ```
+        """
+        now, num = self._at(t), self.num_sliders
+        if not num:
+            return now.x[..., :0]
+        rows = self.machine.contacts.rows[..., -num:, :]
+        stretches = now.v[..., now.v.shape[-1] - num :]
+        return jnp.einsum("...j,...kj->...k", now.x, _before_times(rows, now.x)) - stretches
 
     def evaluate_stops(self, t: Numbers) -> tuple[Float[Array, "... stops"], Float[Array, "... stops"]]:
         """Evaluate positions and velocities of the stops at any time.
@@ -308,6 +382,12 @@ class Solution(eqx.Module):
             raise ValueError(_OUTSIDE)
         found = _Evaluated(*(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found))
         return checked(found, is_outside.astype(int), ("", _OUTSIDE))
+
+
+def _before_times(rows: Array, x: Array) -> Array:
+    """Rows of a machine, or of a batch of machines, behind which the axes of times of x have a place each."""
+    batch = rows.shape[:-2]
+    return rows.reshape(*batch, *[1] * (x.ndim - 1 - len(batch)), *rows.shape[-2:])
 
 
 _OUTSIDE = (
@@ -474,6 +554,7 @@ def _dataset(solution: Solution) -> "xr.Dataset":
         "v1": (("mass",), solution.v1),
         "stuck1": (("stop",), solution.stuck1),
         **({"sticking1": (("friction",), solution.sticking1)} if solution.sticking1.shape[-1] else {}),
+        **({"sliders1": (("hysteresis",), solution.sliders1)} if solution.num_sliders else {}),
         "result": ((), solution.result._value),
         **{
             name: ((), getattr(solution, name))

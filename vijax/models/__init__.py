@@ -26,6 +26,7 @@ from ._gears import (
     gear_mesh as gear_mesh,
     gear_pair as gear_pair,
 )
+from ._hysteresis import iwan as iwan
 from ._nonlinear import (
     CubicSpring as CubicSpring,
     PendulumWeight as PendulumWeight,

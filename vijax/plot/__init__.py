@@ -18,6 +18,7 @@ _PLACES = {
     "branch": "plot._branch",
     "curves": "plot._curves",
     "erosion": "plot._erosion",
+    "hysteresis_loop": "plot._hysteresis_loop",
     "impact_map": "plot._impact_map",
     "inset": "plot._inset",
     "lyapunov": "plot._lyapunov",

@@ -7,6 +7,7 @@ from ._bifurcation import bifurcation as bifurcation
 from ._branch import branch as branch
 from ._curves import curves as curves
 from ._erosion import erosion as erosion
+from ._hysteresis_loop import hysteresis_loop as hysteresis_loop
 from ._impact_map import impact_map as impact_map
 from ._inset import inset as inset
 from ._lyapunov import lyapunov as lyapunov

@@ -21,8 +21,10 @@ def name_of(number: int, stop_masses: StopMasses) -> str:
 
 
 def name_in(sol: Solution, number: int) -> str:
-    """Legend label of a stop, contact or friction element of a trajectory."""
+    """Legend label of a stop, contact, friction or Jenkins element of a trajectory."""
     num_stops = sol.machine.contacts.num_stops
+    if number >= num_stops + sol.sticking1.shape[-1]:
+        return f"hysteresis {number - num_stops - sol.sticking1.shape[-1]}"
     if number >= num_stops:
         return f"friction {number - num_stops}"
     return name_of(number, sol.machine.contacts.masses)
@@ -36,7 +38,7 @@ def is_rigid(sol: Solution, number: int) -> bool:
 
 def row_of(sol: Solution, number: int) -> np.ndarray:
     """Coefficients of the positions in a stop or contact, (n,): for a stop of either side, 1 at its mass."""
-    row = np.asarray(sol.machine.contacts.rows)[number]
+    row = np.asarray(sol.machine.contacts.rows)[number, : sol.x1.shape[-1]]
     return row if sol.machine.contacts.masses[number] < 0 else np.abs(row)
 
 

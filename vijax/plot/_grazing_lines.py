@@ -38,10 +38,10 @@ def grazing_values(system: AnySystem, path: str, low: float, high: float) -> np.
     Raises:
         ValueError: if the motion has no closed form, or does not exist.
     """
-    if system.force is not None or system.friction:
+    if system.force is not None or system.friction or system.hysteresis:
         raise ValueError(
             "Argument `grazing` draws where the motion without impacts reaches a stop, which needs a linear machine: this one "
-            "has a `force` or friction."
+            "has a `force`, friction or hysteresis."
         )
     least_gaps = jax.vmap(_least_gaps_along(system, path))
     values = np.linspace(low, high, _VALUES)

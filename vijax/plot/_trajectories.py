@@ -77,7 +77,7 @@ def time_series(
     ax = create_axes() if ax is None else ax
     so_far = current_xlim(ax)
     colors = _draw_positions(ax, t, x, style)
-    for j in range(sol.machine.contacts.num):
+    for j in range(sol.machine.contacts.num - sol.num_sliders):
         _draw_limit(ax, sol, j, t, x, colors)
     _mark_impacts(ax, sol, t, x)
     finish_time_axis(ax, drawn, so_far, units)
@@ -119,7 +119,7 @@ def _hold_in_words(sol: Solution, number: int) -> str:
 def _mark_impacts(ax: Axes, sol: Solution, t: np.ndarray, x: np.ndarray) -> None:
     """Draw a disc on the curve of every mass hit; the times `t` of the curves include those of the impacts."""
     found = []
-    for j in range(sol.machine.contacts.num):
+    for j in range(sol.machine.contacts.num - sol.num_sliders):
         hits = np.asarray(sol.events.t)[is_event(sol, [j], IMPACT, (t[0], t[-1]))]
         found += [(hits, x[np.searchsorted(t, hits), i]) for i in masses_of(sol, j)]
     at, where = np.concatenate([np.empty((2, 0)), *map(np.array, found)], axis=1)
@@ -175,12 +175,12 @@ def phase_portrait(
         Wagg & Bishop (2004), Sec. 2.2.
     """
     sol = solution_of(sol)
-    check_index("mass", mass, sol.machine.num_masses)
+    check_index("mass", mass, sol.x1.shape[-1])
     drawn = span_of(sol, span)
     ax = create_axes() if ax is None else ax
     look = merge_style(style, color=curve_colors(1)[0], linewidth=1.0)
     draw_motion(ax, sol, mass, drawn, num_samples, look, "impact")
-    for j in range(sol.machine.contacts.num):
+    for j in range(sol.machine.contacts.num - sol.num_sliders):
         if mass in masses_of(sol, j):
             _draw_contact(ax, sol, j, mass, sample_times(sol, drawn, num_samples))
     _draw_ends(ax, sol, mass, drawn)
@@ -274,7 +274,7 @@ def _draw_contact(ax: Axes, sol: Solution, number: int, mass: int, t: np.ndarray
 
 def _draw_ends(ax: Axes, sol: Solution, mass: int, span: Span) -> None:
     """Draw a circle where a mass sticks, a smaller disc where it is released: both are visible on a fixed stop."""
-    ours = [j for j in range(sol.machine.contacts.num) if mass in masses_of(sol, j)]
+    ours = [j for j in range(sol.machine.contacts.num - sol.num_sliders) if mass in masses_of(sol, j)]
     for kind, words, face, size, zorder in (
         (STICK, "stick", ax.get_facecolor(), 9, 3),
         (RELEASE, "release", ink(), 3, 5),
@@ -289,7 +289,7 @@ def _draw_ends(ax: Axes, sol: Solution, mass: int, span: Span) -> None:
 def _impacts(sol: Solution, mass: int, span: Span) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, positions, and velocities before and after, of the impacts that change the velocity of a mass."""
     contacts, log = sol.machine.contacts, sol.events
-    ours = [j for j in range(contacts.num) if mass in masses_with_jump(sol, j)]
+    ours = [j for j in range(contacts.num - sol.num_sliders) if mass in masses_with_jump(sol, j)]
     is_it = is_event(sol, ours, IMPACT, span)
     t, stop, minus, plus = (
         np.asarray(a)[is_it] for a in (log.t, log.stop, log.velocity_minus, log.velocity_plus)

@@ -36,7 +36,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
     rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
     (stiffness, damping), omitted = _drawn(
-        np.asarray(system.stiffness), np.asarray(system.damping), system.num_states
+        np.asarray(system.stiffness), np.asarray(system.damping), system.num_states, len(system.hysteresis)
     )
     return Scheme(
         stiffness,
@@ -102,12 +102,16 @@ def _coefficients(restitution: Restitution) -> tuple[str, ...]:
 def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
     machine = sol.machine
-    contacts, n = machine.contacts, machine.num_masses
-    inverse, mean = np.asarray(machine.inverse_mass), np.asarray(machine.mean)
+    contacts, n = machine.contacts, sol.x1.shape[-1]
+    inverse, mean = np.asarray(machine.inverse_mass)[:n], np.asarray(machine.mean)[:n]
+    inverse = inverse if inverse.ndim == 1 else inverse[:, :n]
     (stiffness, damping), omitted = _drawn(
-        np.asarray(machine.stiffness), np.asarray(machine.damping), machine.num_states
+        np.asarray(machine.stiffness)[:n, :n],
+        np.asarray(machine.damping)[:n, :n],
+        machine.num_states - sol.num_sliders,
+        sol.num_sliders,
     )
-    rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, n), contacts.num_stops
+    rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, -1)[:, :n], contacts.num_stops
     words, friction = _coefficients(contacts.restitution), ()
     is_compliant = is_damped = is_preloaded = np.zeros(num_stops, bool)
     if isinstance(contacts, SwitchingContacts):
@@ -123,14 +127,14 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         force = force if laws.coefficient is None else force + np.asarray(laws.coefficient)
         friction = tuple(
             Rubbing(rows[j], float(force[j]), float(velocity[j]), None if normal[j] < 0 else normal[j])
-            for j in range(num_stops, contacts.num)
+            for j in range(num_stops, contacts.num - sol.num_sliders)
         )
     tables = machine.tables
     return Scheme(
         stiffness,
         damping,
         mean,
-        waves=_load_in_space(machine),
+        waves=jax.tree.map(lambda a: a[:, :n], _load_in_space(machine)),
         frequency=float(machine.frequency),
         rows=rows[:num_stops],
         masses=contacts.masses[:num_stops],
@@ -152,7 +156,9 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     )
 
 
-def _drawn(stiffness: np.ndarray, damping: np.ndarray, num_states: int) -> tuple[list[np.ndarray], str]:
+def _drawn(
+    stiffness: np.ndarray, damping: np.ndarray, num_states: int, num_sliders: int
+) -> tuple[list[np.ndarray], str]:
     """Symmetric parts of the matrices, without the states, and what they lack in words."""
     first = len(stiffness) - num_states
     is_mass = np.arange(len(stiffness)) < first
@@ -168,6 +174,8 @@ def _drawn(stiffness: np.ndarray, damping: np.ndarray, num_states: int) -> tuple
             if num_states == 1
             else f"links of the last {num_states} boxes, states"
         )
+    if num_sliders:
+        names.append("one Jenkins element" if num_sliders == 1 else f"{num_sliders} Jenkins elements")
     return [(a + a.T) / 2 for a in between], f"not drawn: {', '.join(names)}" if names else ""
 
 

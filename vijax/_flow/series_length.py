@@ -1,0 +1,168 @@
+"""Lengths of Taylor steps of a machine with a force.
+
+1. Jorba and Zou: the last two orders are small against the motion within the step. No length of the machine is needed: the
+   motion within the step is h |v| + h^2 |a| / 2 + ..., and below all stands the rounding of the positions.
+2. The derivatives of the motion are right too, see `derivative_limit`: at rest all coefficients vanish, but the derivatives
+   of the flow do not.
+3. Force and polynomial agree at the end of the step (`is_consistent`): a force that is about to begin, such as exp(50 (x - 1)),
+   shows in no coefficient.
+4. Functions of time alone that are not harmonic are bounded on a disc of complex times (`time_limit`): a pulse that is still far
+   shows in no coefficient either.
+"""
+
+from math import factorial, log2
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .._jax.arrays import Flag, Scalar, add_up, matvec
+from .._machine.contacts import Held
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._series.plan import Plan
+from .._series.series import force_at
+from .._series.time_bound import has_time_bound, time_bound
+from .branches import is_entering
+from .force_series import ForceSeries, in_space, largest
+from .series import derivative, horner
+
+# Share of the step that the last coefficients allow.
+_SHARE = 0.9
+# Impulse of the contradiction at the end of a step, in tolerances: its mean over the step is far smaller, but not that of a power
+# that begins.
+_SLACK, _OF_CLOSING = 1e3, 1e-2
+# Radius of the disc on which functions of time are bounded, in lengths of the step, and halvings of a step.
+_DISC = 6.0
+_MOST_HALVINGS = 60
+
+
+def motion_limit(x: list[Array], tolerance: float) -> Scalar:
+    """Rule 1: longest step for which the last two coefficients of the positions are below the tolerance."""
+    bias = _BITS[str(x[0].dtype)][2]
+    order, eps = len(x) - 1, float(jnp.finfo(x[0].dtype).eps)
+    size = lambda a, k: _log2(jnp.max(jnp.abs(a[k]), axis=0))  # noqa: E731
+    known = [(k, size(x, k) + log2(eps if k == 0 else tolerance)) for k in range(min(4, order - 1))]
+    limits = []
+    for k in (order - 1, order):
+        last = size(x, k)
+        room = largest([(allowed - last) * (1 / (k - j)) for j, allowed in known])
+        limits.append(jnp.where(last <= 1 - bias, bias, room))
+    return _SHARE * _exp2(jnp.minimum(*limits))
+
+
+def derivative_limit(by_x: list[Any], by_v: list[Any], tolerance: float, like: Array) -> Scalar:
+    """Rule 2: longest step for which the derivatives of the motion by its start are right.
+
+    They obey w'' = K(t) w + D(t) w'. With k_m, d_m the largest row sums of the m-th coefficients, their own coefficients are
+    below those of phi'' = k phi + d phi': one scalar recurrence for all directions and any number of masses, to which the
+    rule of the last two coefficients applies.
+    """
+    order = len(by_x)
+    zero = jnp.zeros_like(like)
+    rate = jnp.sqrt(by_x[0]) + by_v[0]
+    if all(a is None for a in (*by_x[1:], *by_v[1:])):
+        most = (tolerance * factorial(order)) ** (1 / order)
+        return most / jnp.maximum(rate, _tiny(like))
+    phi, slope = [jnp.ones_like(like), zero + rate], [zero + rate]
+    for q in range(2, order + 1):
+        total = zero
+        for m in range(q - 1):
+            for a, b in ((by_x[m], phi[q - 2 - m]), (by_v[m], slope[q - 2 - m])):
+                total = total if a is None else total + a * b
+        phi.append(total * (1 / (q * (q - 1))))
+        slope.append(q * phi[q])
+    room = [(log2(tolerance) - _log2(phi[k])) * (1 / k) for k in (order - 1, order)]
+    return _SHARE * _exp2(jnp.minimum(*room))
+
+
+def time_limit(
+    plan: Plan,
+    machine: Machine,
+    state: State,
+    modes: tuple[Scalar, ...],
+    limit: Scalar,
+    order: int,
+    tolerance: float,
+) -> Scalar:
+    """Rule 4: longest step, halved until functions of time alone are bounded on a disc of six times its length.
+
+    What is bounded by M there has coefficients below M / (6 h)^k. It counts against the factor of the function, its amplitude: the
+    machine may be at rest, without a scale.
+    """
+    if not has_time_bound(plan):
+        return limit
+    assert machine.extra is not None
+    force, clock = machine.extra.force, machine.clock(state)
+    most = 10 * tolerance * _DISC**order
+
+    def is_wild(limit: Scalar) -> Flag:
+        bound = time_bound(plan, force, clock, _DISC * limit, like=state.x, modes=modes)
+        return ~(bound <= most)
+
+    def halve(carry: tuple) -> tuple:
+        limit, _, turns = carry
+        return limit / 2, is_wild(limit / 2), turns + 1
+
+    is_on = lambda carry: carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
+    found, _, _ = jax.lax.while_loop(is_on, halve, (limit, is_wild(limit), jnp.zeros(limit.shape, int)))
+    return found
+
+
+def _tiny(like: Array) -> float:
+    return float(jnp.finfo(like.dtype).tiny)
+
+
+# 64-bit numbers as whole numbers are their logarithms, to 0.09, in units of 2^-52.
+_BITS = {"float64": (jnp.int64, 52, 1023), "float32": (jnp.int32, 23, 127)}
+
+
+def _log2(a: Array) -> Array:
+    """Logarithm of a positive number to 0.09, by its bits; about -1023 for 0."""
+    whole, digits, bias = _BITS[str(a.dtype)]
+    bits = jax.lax.bitcast_convert_type(a, whole).astype(a.dtype)
+    return bits * 2.0**-digits - bias
+
+
+def _exp2(a: Array) -> Array:
+    """Inverse of `_log2`."""
+    whole, digits, bias = _BITS[str(a.dtype)]
+    most = jnp.clip(a, 1 - bias, bias) + bias
+    return jax.lax.bitcast_convert_type((most * 2.0**digits).astype(whole), a.dtype)
+
+
+def is_consistent(
+    plan: Plan,
+    machine: Machine,
+    state: State,
+    hold: Held,
+    modes: tuple[Array, ...],
+    motion: ForceSeries,
+    step: Scalar,
+    tolerance: float,
+) -> Flag:
+    """Rule 3: whether the force at the end of a step is that of the polynomial.
+
+    A power of a branch that begins now, as the force of a Hertz contact that closes, is not in the polynomial at all: the step must
+    be so short that its whole impulse is nothing.
+    """
+    assert machine.extra is not None
+    x, v, phase = (horner(a, step) for a in (motion.x, motion.v, motion.phase))
+    own = force_at(
+        plan, machine.extra.force, machine.clock(state) + step, *in_space(machine, phase, x, v), modes
+    )
+    load = machine.load(phase)
+    terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own
+    a = machine.contacts.accelerations(load - terms[1] - terms[2] + own, hold, phase)
+    defect = jnp.max(jnp.abs(a - horner(derivative(motion.v), step)), axis=0)
+    speed = jnp.max(jnp.maximum(jnp.abs(v), jnp.abs(state.v)), axis=0)
+    rounding = jnp.max(machine.contacts.inverse_mass_size(add_up([jnp.abs(term) for term in terms])), axis=0)
+    most = (
+        tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
+        + 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
+    )
+    share: Any = _SLACK
+    if plan.has_closing_powers:
+        share = jnp.where(is_entering(state.memory), _OF_CLOSING, share)
+    return jnp.isfinite(defect) & (step * defect <= share * most)

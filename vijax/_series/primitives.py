@@ -1,0 +1,266 @@
+"""Series of the primitives of JAX.
+
+To add one, add its function to `RULES`: it takes a `Builder`, the operands and the parameters of the primitive. Primitives of
+numbers that do not change along the motion need no rule.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .builder import Builder
+from .choices import above, equal
+from .graph_of_force import TABLE
+from .operations import Operand, is_known
+from .refused import Refused
+from .tables import table
+
+Rule = Callable[..., Operand]
+_ONE = np.float64(1)
+
+
+def series_of(build: Builder, name: str, args: Sequence[Operand], params: dict[str, Any]) -> Operand:
+    """Series of a primitive of series, of which one changes along the motion."""
+    if name not in RULES:
+        raise Refused(name)
+    return RULES[name](build, *args, **params)
+
+
+def _same(build: Builder, a: Operand, **_: Any) -> Operand:
+    return a
+
+
+def _convert(build: Builder, a: Operand, *, new_dtype: Any, **_: Any) -> Operand:
+    if not np.issubdtype(new_dtype, np.floating):
+        raise Refused(f"convert_element_type to {np.dtype(new_dtype)}")
+    return a
+
+
+def _add(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    return build.linear([(1, a), (1, b)])
+
+
+def _subtract(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    return build.linear([(1, a), (-1, b)])
+
+
+def _negative(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.linear([(-1, a)])
+
+
+def _multiply(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    return build.multiply(a, b)
+
+
+def _integer_power(build: Builder, a: Operand, *, y: int, **_: Any) -> Operand:
+    return build.integer_power(a, y)
+
+
+def _reciprocal_root(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.divide(_ONE, build.sqrt(a))
+
+
+def _power(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    if build.is_fixed(b):
+        return build.power(a, b)
+    if build.is_fixed(a):
+        log = build.linear([(math.log(a), b)]) if is_known(a) else build.multiply(build.log(a), b)
+    else:
+        log = build.multiply(build.log(a), b)
+    return build.integral(jnp.power, (a, b), lambda y: [(1, y, log)], "power")
+
+
+def _exp2(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.integral(jnp.exp2, (a,), lambda y: [(math.log(2), y, a)], "exp2")
+
+
+def _expm1(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.integral(jnp.expm1, (a,), lambda y: [(1, build.exp(a), a)], "expm1")
+
+
+def _circular(place: int) -> Rule:
+    def rule(build: Builder, a: Operand, **_: Any) -> Operand:
+        pairs = lambda y: [[(1, y[1], a)], [(-1, y[0], a)]]  # noqa: E731
+        return build.integrals([jnp.sin, jnp.cos], (a,), pairs, "circular")[place]
+
+    return rule
+
+
+def _hyperbolic(place: int) -> Rule:
+    def rule(build: Builder, a: Operand, **_: Any) -> Operand:
+        pairs = lambda y: [[(1, y[1], a)], [(1, y[0], a)]]  # noqa: E731
+        return build.integrals([jnp.sinh, jnp.cosh], (a,), pairs, "hyperbolic")[place]
+
+    return rule
+
+
+def _with_square(value: Callable, sign: int, key: str) -> Rule:
+    """Y' = (1 + sign y^2) x'."""
+
+    def rule(build: Builder, a: Operand, **_: Any) -> Operand:
+        return build.integral(
+            value, (a,), lambda y: [(1, build.linear([(sign, build.square(y))], 1), a)], key
+        )
+
+    return rule
+
+
+def _logistic(build: Builder, a: Operand, **_: Any) -> Operand:
+    pairs = lambda y: [(1, build.linear([(1, y), (-1, build.square(y))]), a)]  # noqa: E731
+    return build.integral(lax.logistic, (a,), pairs, "logistic")
+
+
+def _erf(value: Callable, sign: int, key: str) -> Rule:
+    def rule(build: Builder, a: Operand, **_: Any) -> Operand:
+        bell = build.exp(build.linear([(-1, build.square(a))]))
+        return build.integral(value, (a,), lambda y: [(sign * 2 / math.sqrt(math.pi), bell, a)], key)
+
+    return rule
+
+
+def _erf_inverse(build: Builder, a: Operand, **_: Any) -> Operand:
+    pairs = lambda y: [(math.sqrt(math.pi) / 2, build.exp(build.square(y)), a)]  # noqa: E731
+    return build.integral(lax.erf_inv, (a,), pairs, "erf_inv")
+
+
+def _log1p(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.inverse_integral(jnp.log1p, a, build.linear([(1, a)], 1), "log1p")
+
+
+def _around(build: Builder, a: Operand) -> Operand:
+    """(1 - a) (1 + a), accurate near its zeros."""
+    return build.multiply(build.linear([(-1, a)], 1), build.linear([(1, a)], 1))
+
+
+def _arcsin(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.inverse_integral(jnp.arcsin, a, build.sqrt(_around(build, a)), "asin")
+
+
+def _arccos(build: Builder, a: Operand, **_: Any) -> Operand:
+    g = build.linear([(-1, build.sqrt(_around(build, a)))])
+    return build.inverse_integral(jnp.arccos, a, g, "acos")
+
+
+def _arctan(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.inverse_integral(jnp.arctan, a, build.linear([(1, build.square(a))], 1), "atan")
+
+
+def _arcsinh(build: Builder, a: Operand, **_: Any) -> Operand:
+    g = build.sqrt(build.linear([(1, build.square(a))], 1))
+    return build.inverse_integral(jnp.arcsinh, a, g, "asinh")
+
+
+def _arccosh(build: Builder, a: Operand, **_: Any) -> Operand:
+    g = build.sqrt(build.multiply(build.linear([(1, a)], -1), build.linear([(1, a)], 1)))
+    return build.inverse_integral(jnp.arccosh, a, g, "acosh")
+
+
+def _arctanh(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.inverse_integral(jnp.arctanh, a, _around(build, a), "atanh")
+
+
+def _arctan2(build: Builder, y: Operand, x: Operand, **_: Any) -> Operand:
+    """From r^2 angle' = x y' - y x'."""
+    square = build.linear([(1, build.square(x)), (1, build.square(y))])
+    pairs = lambda _: [(1, build.divide(x, square), y), (-1, build.divide(y, square), x)]  # noqa: E731
+    return build.integral(jnp.arctan2, (y, x), pairs, "atan2")
+
+
+def _compare(*, turned: bool) -> Rule:
+    def rule(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+        return above(build, b, a) if turned else above(build, a, b)
+
+    return rule
+
+
+def _not_equal(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    return build.compute(jnp.logical_not, (equal(build, a, b),), "not")
+
+
+def _is_one(a: Operand, b: Operand) -> bool:
+    return not is_known(a) and not is_known(b) and a == b
+
+
+def _abs(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.choose(above(build, a, np.float64(0)), [build.linear([(-1, a)]), a])
+
+
+def _sign(build: Builder, a: Operand, **_: Any) -> Operand:
+    return build.choose(above(build, a, np.float64(0)), [np.float64(-1), _ONE])
+
+
+def _larger(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    for one, other in ((a, b), (b, a)):
+        if is_known(one) and np.isinf(one):
+            return one if one > 0 else other
+    return a if _is_one(a, b) else build.choose(above(build, a, b), [b, a])
+
+
+def _smaller(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
+    for one, other in ((a, b), (b, a)):
+        if is_known(one) and np.isinf(one):
+            return one if one < 0 else other
+    return a if _is_one(a, b) else build.choose(above(build, a, b), [a, b])
+
+
+def _clamp(build: Builder, low: Operand, a: Operand, high: Operand, **_: Any) -> Operand:
+    return _smaller(build, _larger(build, a, low), high)
+
+
+def _select(build: Builder, which: Operand, *cases: Operand, **_: Any) -> Operand:
+    return build.choose(which, cases)
+
+
+RULES: dict[str, Rule] = {
+    **dict.fromkeys(("copy", "reduce_precision", "stop_gradient"), _same),
+    "convert_element_type": _convert,
+    "add": _add,
+    "sub": _subtract,
+    "neg": _negative,
+    "mul": _multiply,
+    "square": lambda build, a, **_: build.square(a),
+    "integer_pow": _integer_power,
+    "div": lambda build, a, b, **_: build.divide(a, b),
+    "sqrt": lambda build, a, **_: build.sqrt(a),
+    "rsqrt": _reciprocal_root,
+    "cbrt": lambda build, a, **_: build.cube_root(a),
+    "pow": _power,
+    "exp": lambda build, a, **_: build.exp(a),
+    "exp2": _exp2,
+    "expm1": _expm1,
+    "sin": _circular(0),
+    "cos": _circular(1),
+    "sinh": _hyperbolic(0),
+    "cosh": _hyperbolic(1),
+    "tanh": _with_square(jnp.tanh, -1, "tanh"),
+    "tan": _with_square(jnp.tan, 1, "tan"),
+    "logistic": _logistic,
+    "erf": _erf(lax.erf, 1, "erf"),
+    "erfc": _erf(lax.erfc, -1, "erfc"),
+    "erf_inv": _erf_inverse,
+    "log": lambda build, a, **_: build.log(a),
+    "log1p": _log1p,
+    "asin": _arcsin,
+    "acos": _arccos,
+    "atan": _arctan,
+    "asinh": _arcsinh,
+    "acosh": _arccosh,
+    "atanh": _arctanh,
+    "atan2": _arctan2,
+    **dict.fromkeys(("gt", "ge"), _compare(turned=False)),
+    **dict.fromkeys(("lt", "le"), _compare(turned=True)),
+    "eq": lambda build, a, b, **_: equal(build, a, b),
+    "ne": _not_equal,
+    "is_finite": lambda build, a, **_: np.bool_(True),
+    "abs": _abs,
+    "sign": _sign,
+    "max": _larger,
+    "min": _smaller,
+    "clamp": _clamp,
+    "select_n": _select,
+    TABLE: table,
+}

@@ -1,0 +1,151 @@
+"""Taylor coefficients of a force along a motion, order by order."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._jax.xla import compute_once
+from .operations import Coefficient, Operand, Read, is_known
+from .plan import Plan
+
+Row = tuple[Any, ...]
+
+
+class Series(eqx.Module):
+    """Coefficients so far; `extend` adds an order.
+
+    Attributes:
+        rows: coefficients of every series, order by order; None where they are known to be zero.
+        given: time, numbers of the force and modes, of order 0.
+        like: array of the shape of the positions.
+        fresh: flags of the modes that have just changed, by the series of the mode, for series in the root of time; else None.
+        plan: operations.
+        fence: whether XLA computes each order once, not once for each result that needs it.
+    """
+
+    rows: tuple[Row, ...]
+    given: tuple[Any, list[Any], list[Any]]
+    like: Array
+    fresh: dict[int, Any] | None
+    plan: Plan = eqx.field(static=True)
+    fence: bool = eqx.field(static=True, default=False)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def extend(self, x: Any, v: Any) -> "Series":
+        """The series with one order more, from the coefficients of this order of positions and velocities, (n, ...)."""
+        row = compute_once(next_row, self, x, v) if self.fence else next_row(self, x, v)
+        return eqx.tree_at(lambda s: s.rows, self, (*self.rows, row))
+
+    def coefficient(self, operand: Operand, k: int) -> Coefficient:
+        """Coefficient of a series, None if it is known to be zero."""
+        if is_known(operand):
+            return None if k else float(operand)
+        return self.rows[k][operand]
+
+    def force(self, k: int) -> Array:
+        """Coefficient k of the force on every mass, (n, ...)."""
+        return jnp.stack([self._scalar(s, k) for s in self.plan.forces])
+
+    def guard(self, switch: int, k: int) -> Array:
+        """Coefficient k of the guard of a switch."""
+        return self._scalar(self.plan.switches[switch].guard, k)
+
+    def knot(self, switch: int, number: int) -> Array:
+        """Value of a guard where its branch changes."""
+        return self._scalar(self.plan.switches[switch].knots[number], 0)
+
+    def by_x(self, k: int) -> dict[tuple[int, int], Array]:
+        """Coefficients k of the derivatives of force i by position j, but for known zeros."""
+        return self._entries(self.plan.by_x, k)
+
+    def by_v(self, k: int) -> dict[tuple[int, int], Array]:
+        """The same by velocity j."""
+        return self._entries(self.plan.by_v, k)
+
+    def _entries(self, entries: dict[tuple[int, int], Operand], k: int) -> dict[tuple[int, int], Array]:
+        if not self.plan.has_jacobian:
+            raise ValueError("The plan was made without `jacobian=True`.")
+        found = {at: self.coefficient(entry, k) for at, entry in entries.items()}
+        return {at: jnp.asarray(entry, self.like.dtype) for at, entry in found.items() if entry is not None}
+
+    def _scalar(self, operand: Operand, k: int) -> Array:
+        found = self.coefficient(operand, k)
+        dtype, shape = self.like.dtype, self.like.shape[1:]
+        return jnp.broadcast_to(jnp.asarray(0.0 if found is None else found, dtype), shape)
+
+
+def series_of(
+    plan: Plan,
+    force: Any,
+    t: Any,
+    *,
+    like: Array,
+    modes: Any = (),
+    fresh: Any = None,
+    fence: bool = False,
+) -> Series:
+    """Series without coefficients yet.
+
+    Args:
+        plan: operations.
+        force: the force with the numbers of now.
+        t: time.
+        like: array of the shape of the positions, (n, ...).
+        modes: number of knots below the guard of every switch.
+        fresh: flags of the modes that have just changed: the series are then in w, with time t + w^2, so that x' = 2 w v and
+            v' = 2 w a. A contact that closes by a power has such a series alone, see `Plan.is_singular`.
+        fence: whether XLA computes each order once.
+    """
+    if len(modes) != plan.num_switches:
+        raise ValueError(f"The force has {plan.num_switches} switches, but {len(modes)} modes are given.")
+    given = t, plan.numbers(force), [modes[j] for j in range(len(modes))]
+    flags = None if fresh is None else {w.mode: fresh[j] for j, w in enumerate(plan.switches)}
+    return Series((), given, like, flags, plan, fence)
+
+
+def force_at(plan: Plan, force: Any, t: Any, x: Any, v: Any, modes: Any = ()) -> Array:
+    """The force itself, (n, ...), in the branches that the modes say."""
+    return series_of(plan, force, t, like=x, modes=modes).extend(x, v).force(0)
+
+
+def next_row(series: Series, x: Any, v: Any) -> Row:
+    """Coefficients of the next order of every series."""
+    plan, k = series.plan, len(series.rows)
+    row: list[Coefficient] = [None] * plan.size
+    n, (t, numbers, modes) = plan.num_masses, series.given
+    if k == 0:
+        row[0] = t
+        row[1 : 1 + len(numbers)] = numbers
+        for switch, mode in zip(plan.switches, modes, strict=True):
+            row[switch.mode] = mode
+    elif k == (1 if series.fresh is None else 2):
+        row[0] = 1.0
+    first = 1 + plan.num_numbers
+    row[first : first + 2 * n] = [*(x[i] for i in range(n)), *(v[i] for i in range(n))]
+
+    read = _Rows((*series.rows, row), series.fresh)
+    for operation in plan.operations:
+        row[operation.out] = operation.coefficient(read, k)
+    return tuple(row)
+
+
+class _Rows(Read):
+    """Coefficients order by order."""
+
+    def __init__(self, rows: Sequence[Sequence[Coefficient]], fresh: dict[int, Coefficient] | None):
+        self._rows, self.fresh = rows, fresh
+
+    def __call__(self, operand: Operand, k: int) -> Coefficient:
+        if is_known(operand):
+            return None if k else _number(operand)
+        return self._rows[k][operand]
+
+
+def _number(operand: Any) -> Any:
+    return float(operand) if np.issubdtype(operand.dtype, np.floating) else operand
