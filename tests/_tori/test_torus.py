@@ -62,6 +62,33 @@ def test_a_long_run_stays_on_the_circle_and_has_its_rotation_number(system, toru
 
 
 @pytest.mark.slow
+def test_a_circle_under_a_harmonic_load_and_a_wave_form_is_mapped_to_itself(system):
+    """A period later a state of the circle is at its angle further by the rotation number."""
+
+    def both(frequency):
+        heights = np.array([[0.05, 0.0], [0.0, 0.0], [-0.05, 0.0], [0.0, 0.0]])
+        load = vx.Harmonic([1.0, 0.0], frequency) + vx.Waveform(np.pi / 2 * np.arange(4), heights, frequency)
+        return vx.ImpactSystem(system.mass, system.damping, system.stiffness, load, system.stops)
+
+    run = vx.simulate(both(1.6), 0.0, 500 * both(1.6).forcing.period, max_events=8, throw=False)
+    orbit = vx.periodic_orbit(both(1.6), run.x1, run.v1)
+    branch = vx.continuation(orbit, FREQUENCY, (1.5, 1.7), progress=False)
+    (point,) = (a for a in branch.bifurcations if a.kind == "ns")
+    torus, k = vx.follow_torus(point, (1.45, 1.6), progress=False), 3
+    frequency = float(torus[FREQUENCY][k])
+    curve = np.concatenate([torus.x[k].values, torus.v[k].values], axis=1)
+    num, start = len(curve), torus.attrs["phase"] / frequency
+    later = (np.arange(num) / num + float(torus.rotation_number[k])) % 1.0
+    expected = interpolation(later, num) @ curve
+    for j in range(0, num, max(1, num // 8)):
+        end = start + 2 * np.pi / frequency
+        sol = vx.simulate(both(frequency), start, end, curve[j, :2], curve[j, 2:])
+        np.testing.assert_allclose(
+            np.concatenate([sol.x1, sol.v1]), expected[j], rtol=0, atol=float(torus.error[k])
+        )
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 1.4])
 def test_small_circles_grow_and_shrink_as_the_normal_form_says(system, branch, factor):
     """|xi| -> |xi| (1 + rate d + coefficient |xi|^2), a Bernoulli equation. Wider circles reach impacts that graze."""
