@@ -80,7 +80,8 @@ def _even_chain(a: dict[str, np.ndarray], own: np.ndarray) -> None:
 
 def _without_shut(shape: Shape, a: dict[str, np.ndarray], name: str) -> None:
     """Two places that leave a mass no room are moved apart: the later one."""
-    keys = [i for i, _ in shape.stops] if name == "position" else [frozenset(row) for row in shape.contacts]
+    masses = [(i,) for i, _ in shape.stops] if name == "position" else shape.contacts
+    keys = [frozenset(row) for row in masses]
     for j, key in enumerate(keys):
         if key in keys[:j]:
             is_shut = a[name][:, keys.index(key)] + a[name][:, j] <= 0

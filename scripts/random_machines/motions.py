@@ -127,11 +127,11 @@ def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list
     is_whole = is_sound[:, None]
     since = np.where(is_sound, whole.ts[:, middle], begin)
     none = np.zeros((count, len(shape.sliders)))
-    states = (
+    x_now, v_now = (
         np.where(is_whole, now, np.append(start, none, axis=1))
         for now, start in zip(whole.start_at(middle), (a["x0"], a["v0"]), strict=True)
     )
-    half = run(shape, a, since, end, *states)
+    half = run(shape, a, since, end, x_now, v_now)
     failures += compare("cut", half.xs[:, ::2], half.vs[:, ::2], part=slice(middle, None))
     shift = rng.uniform(0, 1, count) * 2 * np.pi / a["frequency"]
     orders = 1 + np.arange(shape.harmonics)[:, None]

@@ -1,5 +1,7 @@
 """Checks on periodic orbits of random machines: their closing, multipliers and exponents, and the same from another phase."""
 
+from typing import Any
+
 import numpy as np
 
 import vijax as vx
@@ -32,8 +34,8 @@ def _other_ways(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
     if multipliers[-1] > UNSTABLE:
         return []
     sol = vx.simulate(system, 0.0, PHASE * period, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
-    state = _state(system, sol, PHASE * period)
-    other = vx.periodic_orbit(system, *np.split(state, 2), n, phase=2 * np.pi * PHASE, throw=False)
+    x, v = np.split(_state(system, sol, PHASE * period), 2)
+    other = vx.periodic_orbit(system, x, v, n, phase=2 * np.pi * PHASE, throw=False)
     away = np.abs(np.sort(np.abs(np.asarray(other.multipliers))) - multipliers).max() / max(
         1.0, multipliers[-1]
     )
@@ -67,7 +69,8 @@ def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.Peri
         if not (away < NEARLY).any():
             continue
         n = 1 + int(np.argmax(away < NEARLY))
-        orbit = vx.periodic_orbit(system, *np.split(states[0], 2), n, throw=False)
+        x, v = np.split(states[0], 2)
+        orbit = vx.periodic_orbit(system, x, v, n, throw=False)
         if bool(orbit.is_admissible) and float(orbit.residual) < 1e-9:
             found[k] = orbit
     return found
@@ -96,7 +99,7 @@ def orbit_faults(shape: Shape, own: dict, orbit: vx.PeriodicOrbit) -> list[tuple
     return found if error <= 1 else [*found, ("product of the multipliers", float(error))]
 
 
-def _state(system: vx.ImpactSystem, sol: vx.Solution, t: float) -> np.ndarray:
+def _state(system: Any, sol: vx.Solution, t: float) -> np.ndarray:
     """Positions and velocities at the end of a run, each with the coordinates of Jenkins elements."""
     (stretches,) = stretches_of(sol, np.array([t]), system)
     return np.concatenate([sol.x1, 0 * stretches, sol.v1, stretches])
