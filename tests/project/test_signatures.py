@@ -73,6 +73,7 @@ DIFFERENT = {
     "masses": "of a machine, or those that touch",
     "max_events": "in a run that may be of any length, or in one cycle",
     "max_points": "of a branch, of many, of a torus, or of a curve in the plane",
+    "modes": "their shapes, or the numbers of those to follow",
     "num_periods": "of an orbit, or averaged over",
     "num_samples": "of a whole motion, or of the intervals in which a mass sticks",
     "orbit": "one, or many at once",
