@@ -255,6 +255,9 @@ class ImpactSystem(eqx.Module):
     @property
     def parametric(self) -> Parametric | None:
         """Stiffness and damping that change in time; None if there are none."""
+        terms = parametric_of(self.force)
+        if terms is None or terms.frequency is not None:
+            return terms
         return parametric_of(acting_force(self.force, self.forcing.clock))
 
     @property
