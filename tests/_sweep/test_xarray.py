@@ -66,10 +66,10 @@ def test_a_machine_of_float32_comes_back_as_it_was():
 
 def test_no_field_of_a_machine_is_left_out():
     """If this fails, the machine has a new field that `describe` and `build` must include."""
-    # Friction, first-order states and a base are told of where there are any.
+    # Friction, Jenkins elements, first-order states and a base are told of where there are any.
     load = vx.Harmonic(LOAD.amplitude, LOAD.frequency, LOAD.phase, LOAD.mean, from_base=True)
     parts = MACHINE.mass, MACHINE.damping, MACHINE.stiffness, load, STOPS
-    machine = vx.ImpactSystem(*parts, friction=[vx.Friction(0, 0.1)])
+    machine = vx.ImpactSystem(*parts, friction=[vx.Friction(0, 0.1)], hysteresis=[vx.Jenkins(0, 1.0, 0.1)])
     machine = vx.with_states(machine, [[-1.0]], np.zeros((3, 1)))
     description = describe(machine)
     parts = [(machine, description), (load, description["forcing"]), (STOPS[0], description["stops"][0])]

@@ -36,16 +36,14 @@ from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch, PlainPoint, corrected, is_followed
 from .requests import Requests, ask, simulation_from
 from .scheduler import drive
-from .tolerances import ORBIT_AT
+from .tolerances import MODE_ON_CIRCLE, ORBIT_AT, TRIALS_BEYOND_TOUCH
 
-# Shares by which the first amplitude beyond the touch is larger than that of the touch, tried in turn.
-_BEYOND = (1e-3, 1e-2, 5e-2)
 # Room for the events of the first orbit.
 _ROOM = 12
 # Number of points of a linear mode, from rest to its touch.
 _LINEAR = 20
 # Largest energy of a family that is not told one, as a multiple of that of its touch.
-_MOST = 10.0
+_MOST = 10
 # Columns that no other dataset has.
 _OWN = {
     "mode": {"long_name": "number of the linear mode"},
@@ -55,8 +53,6 @@ _OWN = {
     "x0": {"long_name": "position at a time of the motion"},
     "v0": {"long_name": "velocity at that time"},
 }
-# Distance of the modulus of a multiplier from 1 at which rounding decides.
-_ON_CIRCLE = 1e-6
 
 
 class _Mode(NamedTuple):
@@ -232,7 +228,7 @@ def _columns(points: xr.Dataset, energies: list[float]) -> xr.Dataset:
     return kept.assign(
         energy=("point", np.array(energies)),
         frequency=("point", 2 * np.pi / points["period"].values),
-        is_stable=("point", (finite < 1 + _ON_CIRCLE).all(axis=1)),
+        is_stable=("point", (finite < 1 + MODE_ON_CIRCLE).all(axis=1)),
     ).drop_attrs()
 
 
@@ -277,7 +273,7 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) ->
     """The first orbit of a family that hits a stop; None if Newton's method finds none."""
     room = empty_sequence(_ROOM, len(system.stops), is_switching=system.is_switching)
     room = jax.tree.map(np.asarray, room)
-    for more in _BEYOND:
+    for more in TRIALS_BEYOND_TOUCH:
         # From the middle of the swing, over the period of the linear mode.
         fast = mode.frequency * mode.touch * (1 + more) * mode.shape
         followed = yield from ask(simulation_from(room, np.concatenate([0 * fast, fast]), 0.0))

@@ -185,6 +185,15 @@ SMALL_ORBIT = 0.1
 # share: distance of a run from its start after the cycle, relative to the motion, beyond which it has left the orbit.
 LEFT_ORBIT = 1e-6
 
+# ---- Families of conservative machines ----
+
+# share: rounding of a symmetric or positive matrix, relative to its size.
+MATRIX_ROUNDING = 1e-12
+# share: amplitudes beyond that of the first touch, at which a family is taken up behind it; the first that succeeds counts.
+TRIALS_BEYOND_TOUCH = 1e-3, 1e-2, 5e-2
+# multiplier: distance of a modulus from 1 at which rounding decides: of the double multiplier 1 half the digits are left.
+MODE_ON_CIRCLE = 1e-6
+
 # ---- Bifurcations as equations, and their curves ----
 
 # share: speed of a grazing impact relative to the fastest mass. Periods: duration of a flight that is zero, by type.

@@ -83,27 +83,29 @@ class BoundForce(eqx.Module):
         return jnp.asarray(self.force(t, x, v, self.args), x.dtype)
 
 
-def with_parametric(force: Callable | None, parametric: Parametric | None) -> Callable | None:
-    """Force with parametric terms beside it, in place of those that it has."""
+def with_parametric(force: Any, parametric: Parametric | None) -> Any:
+    """Force, or a leaf in its place, with parametric terms beside it, in place of those that it has."""
     if isinstance(force, BoundForce):
         own = with_parametric(force.force, parametric)
+        if own is force.force:
+            return force
         return None if own is None else BoundForce(own, force.args)
     own = force.force if isinstance(force, ParametricForce) else force
     return own if parametric is None else ParametricForce(own, parametric)
 
 
-def users_force(force: Callable | None) -> Callable | None:
+def users_force(force: Any) -> Any:
     """Force without parametric terms; None if there is nothing else."""
     return with_parametric(force, None)
 
 
-def parametric_of(force: Callable | None) -> Parametric | None:
+def parametric_of(force: Any) -> Parametric | None:
     """Parametric terms of a force, as they were given."""
     own = force.force if isinstance(force, BoundForce) else force
     return own.parametric if isinstance(own, ParametricForce) else None
 
 
-def acting_force(force: Callable | None, frequency: Any) -> Any:
+def acting_force(force: Any, frequency: Any) -> Any:
     """Force as it acts: parametric terms without a frequency have that of the load."""
     terms = parametric_of(force)
     if terms is None or terms.frequency is not None:
@@ -112,7 +114,7 @@ def acting_force(force: Callable | None, frequency: Any) -> Any:
     return with_parametric(force, eqx.tree_at(lambda p: p.frequency, terms, frequency, is_leaf=is_none))
 
 
-def force_numbers(force: Callable | None) -> tuple[PyTree, PyTree]:
+def force_numbers(force: Any) -> tuple[PyTree, PyTree]:
     """Numbers of a force, and of its bound `args`, in trees whose keys are the user's names."""
     force = users_force(force)
     own, args = (force.force, force.args) if isinstance(force, BoundForce) else (force, None)

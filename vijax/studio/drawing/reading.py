@@ -103,7 +103,8 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
     machine = sol.machine
     contacts, n = machine.contacts, sol.x1.shape[-1]
-    inverse, mean = np.asarray(machine.inverse_mass)[:n], np.asarray(machine.mean)[:n]
+    inverse_mass = np.asarray(machine.inverse_mass)
+    inverse, mean = inverse_mass[:n], np.asarray(machine.mean)[:n]
     inverse = inverse if inverse.ndim == 1 else inverse[:, :n]
     (stiffness, damping), omitted = _drawn(
         np.asarray(machine.stiffness)[:n, :n],
@@ -111,7 +112,10 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         machine.num_states - sol.num_sliders,
         sol.num_sliders,
     )
-    rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, -1)[:, :n], contacts.num_stops
+    rows, num_stops = (
+        np.asarray(contacts.rows).reshape(contacts.num, len(inverse_mass))[:, :n],
+        contacts.num_stops,
+    )
     words, friction = _coefficients(contacts.restitution), ()
     is_compliant = is_damped = is_preloaded = np.zeros(num_stops, bool)
     if isinstance(contacts, SwitchingContacts):
