@@ -240,7 +240,7 @@ class ImpactSystem(eqx.Module):
 
     @property
     def num_coordinates(self) -> int:
-        """Number of coordinates in the engine: those of the machine, and one for each Jenkins element."""
+        """Number of coordinates in the engine, which are those of the machine and one for each Jenkins element."""
         return self.num_masses + len(self.hysteresis)
 
     def start_of(self, x: Any, v: Any) -> tuple[Any, Any]:

@@ -93,7 +93,6 @@ class Solution(eqx.Module):
         v1: velocity at t1, (n,).
         stuck1: flags of the stops that hold their mass at t1, (stops,).
         sticking1: flags of the friction elements that stick at t1, (friction,).
-        sliders1: sliders of the Jenkins elements at t1, (hysteresis,).
         events: event log.
         num_events: number of logged events.
         num_steps: number of steps, including trials that were not taken.
