@@ -76,6 +76,7 @@ def test_both_modes_of_a_chain_keep_their_energy_through_impacts():
         (vx.ImpactSystem([1.0], [[0.0]], [[-1.0]], stops=[]), "negative stiffness"),
         (oscillator(vx.Stop(0, 1.0, "upper", 0.9)), "`restitution` 1"),
         (oscillator(vx.CompliantStop(0, 1.0, "upper", 3.0, 0.1)), "`damping` and `preload` 0"),
+        (oscillator(vx.Stop(0, 1.0, "upper", 1.0), hysteresis=[vx.Jenkins(0, 1.0, 0.2)]), "Jenkins elements"),
         (oscillator(vx.Stop(0, 0.0, "upper", 1.0)), "touches the machine at rest"),
     ],
 )

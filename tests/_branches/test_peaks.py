@@ -54,6 +54,45 @@ def test_the_resonance_of_a_linear_oscillator_is_that_of_the_closed_form(resonan
     assert float(column.max()) == pytest.approx(height_of(DAMPING), rel=1e-9)
 
 
+def damped_by_joint(frequency) -> vx.ImpactSystem:
+    load = vx.Harmonic([0.5], frequency)
+    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, hysteresis=[vx.Jenkins(0, 1.0, 0.2)])
+
+
+def fastest(frequency) -> float:
+    """Largest velocity of a machine with a Jenkins element, once its motion is settled."""
+    period = 2 * np.pi / frequency
+    sol = vx.simulate(damped_by_joint(frequency), 0.0, 81 * period, max_events=1000)
+    return float(sol.evaluate(period * np.linspace(80, 81, 20_001))[1].max())
+
+
+@pytest.mark.slow
+def test_velocities_of_machines_with_hysteresis_have_peaks_where_simulations_are_fastest():
+    sol = vx.simulate(damped_by_joint(1.0), 0.0, 160 * np.pi, max_events=1000)
+    orbit = vx.periodic_orbit(damped_by_joint(1.0), sol.x1, sol.v1)
+    branch = vx.continuation(orbit, "forcing.frequency", (0.8, 1.4), peaks=["max_velocity"], progress=False)
+    (peak,) = branch.peaks
+    assert (peak.kind, peak.quantity, peak.event) == ("maximum", "max_velocity[0]", "")
+    assert peak.height == pytest.approx(fastest(peak.value), rel=1e-7)
+    assert peak.height > max(fastest(peak.value * factor) for factor in (0.997, 1.003))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("phase", [0.02, -0.02, 0.1])
+def test_an_extreme_beside_the_beginning_of_the_cycle_is_found_on_either_side_of_it(phase):
+    # At its resonance the velocity is in phase with the load: largest at the begin of the cycle, but for the phase.
+    load = vx.Harmonic([1.0], 0.7, phase=[phase])
+    orbit = vx.periodic_orbit(vx.ImpactSystem([1.0], [[DAMPING]], [[1.0]], load, []), [0.0], [0.0])
+    wanted = ["max_velocity", "min_velocity"]
+    branch = vx.continuation(orbit, "forcing.frequency", (0.5, 1.6), peaks=wanted, progress=False)
+    found = {peak.quantity: peak for peak in branch.peaks}
+    assert len(branch.peaks) == len(found) == 2
+    for name, kind, sign in (("max_velocity[0]", "maximum", 1), ("min_velocity[0]", "minimum", -1)):
+        assert found[name].kind == kind
+        assert found[name].value == pytest.approx(1.0, abs=ROUNDING)
+        assert found[name].height == pytest.approx(sign / DAMPING, rel=ROUNDING)
+
+
 @pytest.mark.slow
 def test_place_and_height_of_a_resonance_have_derivatives_by_the_machine(resonance):
     peak = next(one for one in resonance.peaks if one.quantity == "max_position[0]")
@@ -138,7 +177,8 @@ def test_peaks_of_an_impact_oscillator_are_those_of_a_dense_branch():
 
 
 def test_names_of_quantities_are_checked():
-    found = checked_peak_quantities(["peak_to_peak", "max_position[1]"], 2)
+    two = vx.ImpactSystem([1.0, 1.0], np.zeros((2, 2)), np.eye(2))
+    found = checked_peak_quantities(["peak_to_peak", "max_position[1]"], two)
     assert [one.words for one in found] == ["peak_to_peak[0]", "peak_to_peak[1]", "max_position[1]"]
     for wanted, words in (
         (["peak_to_peek"], "did you mean"),
@@ -146,4 +186,4 @@ def test_names_of_quantities_are_checked():
         ("max_position", "a list of names"),
     ):
         with pytest.raises(ValueError, match=words):
-            checked_peak_quantities(wanted, 2)
+            checked_peak_quantities(wanted, two)

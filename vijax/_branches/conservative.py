@@ -24,6 +24,7 @@ def refuse_losses(system: ImpactSystem) -> None:
         "a load": any(bool(np.any(np.asarray(load.size()))) for load in system.forcing.loads),
         "a `force`": system.force is not None,
         "friction": bool(system.friction),
+        "Jenkins elements": bool(system.hysteresis),
         "first-order states": system.num_states > 0,
     }
     for name, is_there in has.items():

@@ -135,7 +135,7 @@ def continuation(
 
     options, wanted = following(max_points, monitor, stop, step, tolerance), {}
     for start in starts:
-        sought = checked_peak_quantities(peaks, start.system.num_masses)
+        sought = checked_peak_quantities(peaks, start.system)
         named = checked_cycle_quantities(quantities, start.system)
         wanted = dict.fromkeys(one.name for one in sought)
         wanted = {name: name for name in wanted} | named | options.watched.monitors

@@ -89,9 +89,7 @@ def bifurcation_curve(
     defining, place = _with_second_parameter(*defining_system_of(point, *box[0]), point, path, box)
     begun = begin_curve(defining, place)
     _check_crossing(begun, path)
-    peak = (
-        peak_quantity(point.quantity, defining.family.system.num_masses) if isinstance(point, Peak) else None
-    )
+    peak = peak_quantity(point.quantity, defining.family.system) if isinstance(point, Peak) else None
     curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most, peak)
     back: list[CurveState] = []
     forth: list[CurveState] = []

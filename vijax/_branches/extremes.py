@@ -4,6 +4,7 @@ An extreme lies inside a flight, where its coordinate is stationary, or at one o
 time has no effect on its value to first order. At the end of a flight its time moves with the event.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -116,11 +117,12 @@ def _sampled(problem: Problem, course: Course) -> _Sampled:
         flight = jnp.minimum(k, count)
         begin, mode = _of_flight((course.begins, sequence.mode), flight)
         first, longest = _limits(course, flight)
-        num = jnp.clip(jnp.ceil(longest * course.density * _DENSER), 2, _MOST)
-        step = longest / num
+        num, step = _samples(course, longest)
         since = first + step * i
         value = signs * state_on_flight(machine, problem.flow, begin, mode, since)[None]
-        is_better = (value > best.value) & (k <= count)
+        # The end of a forced cycle is its beginning, and counts once.
+        is_end = (k == count) & ~(i < num) & ~problem.is_autonomous
+        is_better = (value > best.value) & (k <= count) & ~is_end
         ends = jnp.maximum(since - step, first), jnp.minimum(since + step, first + longest)
         new = _Sampled(value, flight, since, *ends)
         best = jax.tree.map(lambda a, b: jnp.where(is_better, a, b), new, best)
@@ -139,11 +141,23 @@ def _refined(problem: Problem, course: Course, best: _Sampled) -> Extremes:
     n = best.value.shape[1]
     signs = jnp.array([[1.0] * n, [-1.0] * n], course.whole.dtype)
     numbers = jnp.array([[*range(n)]] * 2)
+    begin_of_last, length_of_last = _limits(course, count)
+    end_of_last = begin_of_last + length_of_last
+    step_of_last = _samples(course, length_of_last)[1]
 
-    def one(sign: Array, row: Array, flight: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    def slope_on(flight: Array, sign: Array, row: Array) -> Callable[[Array], Array]:
         begin, mode = _of_flight((course.begins, sequence.mode), flight)
         state = lambda since: state_on_flight(machine, problem.flow, begin, mode, since)  # noqa: E731
-        slope = lambda since: sign * jax.jvp(state, (since,), (jnp.ones_like(since),))[1][row]  # noqa: E731
+        return lambda since: sign * jax.jvp(state, (since,), (jnp.ones_like(since),))[1][row]
+
+    def one(sign: Array, row: Array, best: _Sampled) -> tuple[Array, Array, Array]:
+        flight, low, high = best.flight, best.low, best.high
+        # No event begins or ends the cycle itself: an extreme beside its beginning may lie before its end.
+        is_first = (flight == 0) & (best.since <= _limits(course, flight)[0]) & ~problem.is_autonomous
+        falls = is_first & (slope_on(flight, sign, row)(low) < 0)
+        flight = jnp.where(falls, count, flight)
+        low, high = jnp.where(falls, end_of_last - step_of_last, low), jnp.where(falls, end_of_last, high)
+        slope = slope_on(flight, sign, row)
 
         def halved(_: Array, ends: tuple[Array, Array]) -> tuple[Array, Array]:
             middle = (ends[0] + ends[1]) / 2
@@ -151,16 +165,21 @@ def _refined(problem: Problem, course: Course, best: _Sampled) -> Extremes:
             return jnp.where(rises, middle, ends[0]), jnp.where(rises, ends[1], middle)
 
         first, longest = _limits(course, flight)
-        # No event begins or ends the cycle itself: there a coordinate only passes.
         begins_here = (flight > 0) | problem.is_autonomous
         is_begin = (low <= first) & (slope(low) <= 0) & begins_here
         is_end = (high >= first + longest) & (slope(high) >= 0) & (flight < count)
         ends = jax.lax.fori_loop(0, _HALVINGS, halved, (low, high))
         since = jnp.where(is_begin, low, jnp.where(is_end, high, (ends[0] + ends[1]) / 2))
-        return since, jnp.where(is_begin, BEGIN, jnp.where(is_end, END, INSIDE))
+        return flight, since, jnp.where(is_begin, BEGIN, jnp.where(is_end, END, INSIDE))
 
-    since, side = jax.vmap(jax.vmap(one))(signs, numbers, best.flight, best.low, best.high)
-    return Extremes(signs * best.value, 0 * best.value, best.flight, since, side)
+    flight, since, side = jax.vmap(jax.vmap(one))(signs, numbers, best)
+    return Extremes(signs * best.value, 0 * best.value, flight, since, side)
+
+
+def _samples(course: Course, longest: Array) -> tuple[Array, Array]:
+    """Number of steps from sample to sample on a flight, and their length."""
+    num = jnp.clip(jnp.ceil(longest * course.density * _DENSER), 2, _MOST)
+    return num, longest / num
 
 
 def _limits(course: Course, flight: Array) -> tuple[Array, Array]:

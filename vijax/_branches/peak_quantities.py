@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._system.spelling import did_you_mean
+from .._system.system import AnySystem
 from .extremes import Extremes
 
 # Rows of `Extremes`.
@@ -28,12 +29,12 @@ class PeakQuantity(NamedTuple):
     Attributes:
         name: as in `vx.sweep`.
         mass: number of the mass.
-        num_masses: of the machine.
+        num_coordinates: length of the positions in a state: Jenkins elements have some as well.
     """
 
     name: str
     mass: int
-    num_masses: int
+    num_coordinates: int
 
     @property
     def words(self) -> str:
@@ -43,7 +44,7 @@ class PeakQuantity(NamedTuple):
     @property
     def coordinate(self) -> int:
         """Number of its coordinate of the state."""
-        return self.mass + self.num_masses * _TERMS[self.name][0]
+        return self.mass + self.num_coordinates * _TERMS[self.name][0]
 
     @property
     def rows(self) -> np.ndarray:
@@ -65,21 +66,21 @@ class PeakQuantity(NamedTuple):
         return at(extremes.flight), at(extremes.since), at(extremes.side)
 
 
-def peak_quantity(words: str, num_masses: int) -> PeakQuantity:
-    """The quantity of a name with a mass."""
+def peak_quantity(words: str, system: AnySystem) -> PeakQuantity:
+    """The quantity of a name with a mass, of a machine."""
     name, mass = re.fullmatch(r"(\w+)\[(\d+)\]", words).groups()  # pyright: ignore[reportOptionalMemberAccess]
-    return PeakQuantity(name, int(mass), num_masses)
+    return PeakQuantity(name, int(mass), system.num_coordinates)
 
 
-def checked_peak_quantities(wanted: Sequence[str], num_masses: int) -> list[PeakQuantity]:
-    """Quantities by their names, of all masses where a name has none.
+def checked_peak_quantities(wanted: Sequence[str], system: AnySystem) -> list[PeakQuantity]:
+    """Quantities of a machine by their names, of all masses where a name has none.
 
     Raises:
         ValueError: for other names, or masses.
     """
     if isinstance(wanted, str):
         raise ValueError(f"Argument `peaks` must be a list of names, as [{wanted!r}].")
-    found = []
+    found, num_masses = [], system.num_masses
     for words in wanted:
         parts = re.fullmatch(r"(\w+?)(?:\[(\d+)\])?", words) if isinstance(words, str) else None
         name = parts.group(1) if parts else words
@@ -93,5 +94,5 @@ def checked_peak_quantities(wanted: Sequence[str], num_masses: int) -> list[Peak
         if mass is not None and int(mass) >= num_masses:
             raise ValueError(f"Argument `peaks` has {words!r}, but there are {num_masses} masses, from 0 on.")
         masses = range(num_masses) if mass is None else [int(mass)]
-        found += [PeakQuantity(name, one, num_masses) for one in masses]
+        found += [PeakQuantity(name, one, system.num_coordinates) for one in masses]
     return list(dict.fromkeys(found))

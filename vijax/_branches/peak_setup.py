@@ -13,7 +13,7 @@ from .scheduler import answer
 
 def peak_condition(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, words: str) -> AtPeak:
     """Condition that a quantity, given by its name with a mass, is stationary at a cycle."""
-    wanted = peak_quantity(words, family.system.num_masses)
+    wanted = peak_quantity(words, family.system)
     extremes = extremes_at(family, sequence, place)
     flights, times, sides = wanted.places(extremes)
     weights = np.zeros(len(place.z) + len(place.flights) + 1)
