@@ -258,11 +258,6 @@ def own_numbers(a: dict[str, np.ndarray], lane: int) -> dict[str, np.ndarray]:
     return {name: value[lane] for name, value in a.items()}
 
 
-def of_lanes(a: dict[str, np.ndarray], lanes: list[int]) -> dict[str, np.ndarray]:
-    """Numbers of some lanes."""
-    return {name: value[lanes] for name, value in a.items()}
-
-
 def _side(side: str) -> float:
     return 1.0 if side == "upper" else -1.0
 

@@ -233,10 +233,9 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     sequence, count = course.sequence, course.count
     k, i, before = scan[:3]
     is_on, k = k <= count, jnp.minimum(k, count)
-    begin, mode, duration = _of_flight((course.begins, sequence.mode, course.flights), k)
+    begin, mode = of_flight((course.begins, sequence.mode), k)
     held, idle = _of_guards(sequence, held_in(mode)), _idle_guards(sequence, mode)
-    skipped = jnp.where(k == 0, course.skipped, 0)
-    longest = jnp.clip(duration - skipped, 0, course.whole)
+    skipped, longest = limits_of_flight(course, k)
     # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
     num = jnp.clip(jnp.ceil(longest * course.density), 1, _MOST)
     step = longest / num
@@ -291,15 +290,15 @@ def _with_cut_guards(
     sequence, last, (before, now), (gaps, forces) = course.sequence, jnp.maximum(k - 1, 0), readings, minima
     if not len(sequence.kind):
         return minima
-    kind, stop, duration = _of_flight((sequence.kind, sequence.stop, course.flights), last)
+    kind, stop, duration = of_flight((sequence.kind, sequence.stop, course.flights), last)
     is_cut = is_first & (k > 0) & (duration > 0)
-    mode, following = (_of_flight(sequence.mode, flight) for flight in (last, k))
+    mode, following = (of_flight(sequence.mode, flight) for flight in (last, k))
     slides_in = lambda mode: _of_guards(sequence, (mode == AHEAD) | (mode == BEHIND))  # noqa: E731
     is_jump = is_begin = is_end = kind == IMPACT
     if course.begins.grip is not None:  # friction of a contact begins and ends with that
         is_begin, is_end = (is_jump | _of_guards(sequence, a == FREE) for a in (mode, following))
         # Behind an impact in which it stops it begins at no velocity.
-        is_begin = is_begin & ~_of_guards(sequence, _of_flight(course.begins.grip, k) > 0)
+        is_begin = is_begin & ~_of_guards(sequence, of_flight(course.begins.grip, k) > 0)
     slid, slides = slides_in(mode) & is_end, slides_in(following) & is_begin
     opens = (_numbers(mode) == stop) & (mode == CLOSED)
     by_second = kind == OPEN + SECOND
@@ -320,9 +319,15 @@ def _before_the_scan(course: Course) -> tuple[_Minima, _GapsAndForces]:
     return nothing, _GapsAndForces([none] * (_OF_FORCE if is_switching else _OF_GAP), [none] * _OF_FORCE)
 
 
-def _of_flight(rows: Any, flight: Array) -> Any:
+def of_flight(rows: Any, flight: Array) -> Any:
     """Rows of a flight, of one cycle or of many with lanes last."""
     return jax.tree.map(lambda a: row_of_lane(jnp.asarray(a), flight), rows)
+
+
+def limits_of_flight(course: Course, flight: Array) -> tuple[Array, Array]:
+    """Time from which on a flight belongs to the cycle, and for how long."""
+    skipped = jnp.where(flight == 0, course.skipped, 0)
+    return skipped, jnp.clip(of_flight(course.flights, flight) - skipped, 0, course.whole)
 
 
 def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMargins) -> Margins:
@@ -336,10 +341,10 @@ def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMa
         return Margins(speeds=speeds, gap=watched.gap, force=watched.force, rise=watched.rise)
 
     def at_row(flight: Array, time: Array) -> _GapsAndForces:
-        begin = _of_flight(begins, flight)
+        begin = of_flight(begins, flight)
         since = jnp.maximum(time + problem.phase - jax.lax.stop_gradient(begin.time), 0)
         if sequence.is_switching:
-            whole = _of_flight(begins.time, jnp.minimum(flight + 1, len(sequence.kind))) - begin.time
+            whole = of_flight(begins.time, jnp.minimum(flight + 1, len(sequence.kind))) - begin.time
             since = jnp.where(jnp.abs(since - whole) < END_OF_FLIGHT, whole, since)
         return read(machine, flow, begin, jnp.asarray(sequence.mode)[flight], since)
 
@@ -371,9 +376,9 @@ def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array
         return jnp.zeros(rests.shape[1:], bool)
     event = jnp.where(flight > 0, flight, passed) - 1
     before = jnp.maximum(event, 0)
-    kind, stop, rested = _of_flight((sequence.kind, sequence.stop, rests), before)
+    kind, stop, rested = of_flight((sequence.kind, sequence.stop, rests), before)
     is_own = (_numbers(rests[0]) == stop) & (kind != NOTHING)
-    return (event >= 0) & ~_of_flight(rests, flight) & (is_own | rested)
+    return (event >= 0) & ~of_flight(rests, flight) & (is_own | rested)
 
 
 def _is_after_plastic(course: Course, flight: Array) -> Array:
@@ -381,7 +386,7 @@ def _is_after_plastic(course: Course, flight: Array) -> Array:
     sequence, is_plastic = course.sequence, course.is_plastic
     if not len(sequence.kind):
         return jnp.zeros(is_plastic.shape, bool)
-    kind, stop = _of_flight((sequence.kind, sequence.stop), jnp.maximum(flight - 1, 0))
+    kind, stop = of_flight((sequence.kind, sequence.stop), jnp.maximum(flight - 1, 0))
     return (flight > 0) & (kind == IMPACT) & (_numbers(is_plastic) == stop) & is_plastic
 
 
@@ -411,10 +416,10 @@ def _refined(course: Course, reading: Reading, gaps: _Minima, forces: _Minima) -
     values, flights = (jnp.stack([getattr(a, name) for a in (gaps, forces)]) for name in ("value", "flight"))
     values, flights = (a.reshape(2 * num, *a.shape[2:]) for a in (values, flights))
     sinces = jnp.concatenate([gaps.since, forces.since], axis=1)
-    starts = jax.vmap(lambda flight: _of_flight(course.begins.time, flight))(flights)
+    starts = jax.vmap(lambda flight: of_flight(course.begins.time, flight))(flights)
 
     def one(row: Array, value: Array, flight: Array, since: Array) -> tuple[Array, Array]:
-        begin, mode = _of_flight((course.begins, course.sequence.mode), flight)
+        begin, mode = of_flight((course.begins, course.sequence.mode), flight)
 
         def nearer(step: Array, at: tuple[Array, ...]) -> tuple[Array, ...]:
             since, lower, upper, _ = at

@@ -107,9 +107,14 @@ def _at_event(
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
 
 
+def _seen(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> CorrectedCycle:
+    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
+    return seen
+
+
 def _at_grip(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> AtGrip | None:
     """Condition that friction just stops within an impact; None unless it does."""
-    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
+    seen = _seen(family, sequence, place)
     left = np.abs(grips(sequence, seen))
     others = [
         abs(test.of(seen))
@@ -126,7 +131,7 @@ def with_bifurcation_event(
     family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
     """Cycle with the event of the bifurcation inserted; its number, and whether its value has zero rate."""
-    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
+    seen = _seen(family, sequence, place)
     test, watched = _test_of(kind, sequence, seen), seen.watched
     k, is_tangent = test.index, test.kind != Kind.DOUBLE_IMPACT
     if test.kind == Kind.TOUCH:
@@ -144,7 +149,7 @@ def _with_switching_event(
     family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
     """`with_bifurcation_event` for machines with friction or compliant contacts: with no event that has no duration."""
-    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
+    seen = _seen(family, sequence, place)
     watched, num = seen.watched, sequence.mode.shape[1]
     tests = [test for test in tests_of(sequence) if public_kind(kind_at(test, sequence, seen)) == kind]
     test = min(tests, key=lambda test: abs(test.of(seen)))

@@ -18,8 +18,9 @@ from .._system.system import AnySystem, varied
 from .admissibility import margins_of_cycle
 from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation, Peak
-from .defining_systems import AbstractCondition, DefiningSystem, height_of, implicit_solution, solve
+from .defining_systems import AbstractCondition, DefiningSystem, implicit_solution, solve
 from .parameter_family import ExtendedCycle
+from .peak_condition import height_of
 from .tolerances import VALUE_ROUNDING
 
 _SENTENCES = (
@@ -116,7 +117,7 @@ def peak_height(point: Bifurcation, system: AnySystem, *, throw: bool = True) ->
 def _of_machine_at(
     point: Bifurcation, system: AnySystem, read: Callable, function: str, *, throw: bool
 ) -> Scalar:
-    """What is read of a defining system solved for a machine."""
+    """Number read of a defining system, solved for a machine."""
     refuse_single_precision(function, point.branch.points["x0"], system)
     with concrete_evaluation():
         values = point.branch.values

@@ -12,10 +12,11 @@ from .._progress import tqdm
 from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
-from .defining_systems import AbstractCondition, AtEvent, AtGrip, AtPeak, AtTurn, DefiningSystem, Plane
+from .defining_systems import AbstractCondition, AtEvent, AtGrip, AtTurn, DefiningSystem, Plane
 from .kernels import padded, trimmed
 from .kinds import EndKind
 from .parameter_family import ExtendedCycle
+from .peak_condition import AtPeak
 from .peak_quantities import PeakQuantity
 from .peak_setup import extremes_at, is_at_its_extremes, peak_condition
 from .requests import KernelCall, T, location_on, simulation_of

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .._system.compliant import AbstractCompliantLimit
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, mass_matrix
 from .tolerances import MATRIX_ROUNDING
 
 
@@ -53,8 +53,7 @@ def refuse_losses(system: ImpactSystem) -> None:
 def energy_of(system: ImpactSystem, state: np.ndarray) -> float:
     """Energy of a state, (2 n,), with that of the compliant stops."""
     x, v = np.split(state, 2)
-    mass = np.asarray(system.mass)
-    kinetic = v @ (mass * v if mass.ndim == 1 else mass @ v)
+    kinetic = v @ mass_matrix(system.mass) @ v
     potential = x @ np.asarray(system.stiffness) @ x
     for stop in system.stops:
         if isinstance(stop, AbstractCompliantLimit):

@@ -16,9 +16,10 @@ from .._system.parameters import get_parameter
 from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation, Peak
 from .codim2_continuation import Curve, CurveState, begin_curve
-from .defining_systems import AtBranchPoint, DefiningSystem, height_of
+from .defining_systems import AtBranchPoint, DefiningSystem
 from .kinds import EndKind
 from .parameter_family import ExtendedCycle
+from .peak_condition import height_of
 from .peak_quantities import peak_quantity
 from .starts import family_of, starting_orbits
 from .tolerances import CROSSING_KEPT

@@ -5,7 +5,7 @@ time has no effect on its value to first order. At the end of a flight its time 
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,8 +17,7 @@ from .._jax.xla import in_lanes_of
 from .._machine.machine import Machine
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, traverse
 from .._orbits.sequence import Sequence
-from .._trajectory.batched import row_of_lane
-from .admissibility import Course, course_of
+from .admissibility import Course, course_of, limits_of_flight, of_flight
 from .kernels import CycleEquations
 from .parameter_family import ExtendedCycle, ParameterFamily
 
@@ -78,7 +77,7 @@ def extremes_of_cycle(
 
     def value_at(begins: Moment, p: Scalar, flight: Array, since: Array) -> Array:
         problem = equations.at(p)
-        begin, mode = _of_flight((begins, sequence.mode), flight)
+        begin, mode = of_flight((begins, sequence.mode), flight)
         return state_on_flight(problem.machine, problem.flow, begin, mode, since)
 
     def one(flight: Array, since: Array, side: Array) -> tuple[Array, Array]:
@@ -115,8 +114,8 @@ def _sampled(problem: Problem, course: Course) -> _Sampled:
     def one(state: tuple[Array, Array, _Sampled]) -> tuple[Array, Array, _Sampled]:
         k, i, best = state
         flight = jnp.minimum(k, count)
-        begin, mode = _of_flight((course.begins, sequence.mode), flight)
-        first, longest = _limits(course, flight)
+        begin, mode = of_flight((course.begins, sequence.mode), flight)
+        first, longest = limits_of_flight(course, flight)
         num, step = _samples(course, longest)
         since = first + step * i
         value = signs * state_on_flight(machine, problem.flow, begin, mode, since)[None]
@@ -141,19 +140,21 @@ def _refined(problem: Problem, course: Course, best: _Sampled) -> Extremes:
     n = best.value.shape[1]
     signs = jnp.array([[1.0] * n, [-1.0] * n], course.whole.dtype)
     numbers = jnp.array([[*range(n)]] * 2)
-    begin_of_last, length_of_last = _limits(course, count)
+    begin_of_last, length_of_last = limits_of_flight(course, count)
     end_of_last = begin_of_last + length_of_last
     step_of_last = _samples(course, length_of_last)[1]
 
     def slope_on(flight: Array, sign: Array, row: Array) -> Callable[[Array], Array]:
-        begin, mode = _of_flight((course.begins, sequence.mode), flight)
+        begin, mode = of_flight((course.begins, sequence.mode), flight)
         state = lambda since: state_on_flight(machine, problem.flow, begin, mode, since)  # noqa: E731
         return lambda since: sign * jax.jvp(state, (since,), (jnp.ones_like(since),))[1][row]
 
     def one(sign: Array, row: Array, best: _Sampled) -> tuple[Array, Array, Array]:
         flight, low, high = best.flight, best.low, best.high
         # No event begins or ends the cycle itself: an extreme beside its beginning may lie before its end.
-        is_first = (flight == 0) & (best.since <= _limits(course, flight)[0]) & ~problem.is_autonomous
+        is_first = (
+            (flight == 0) & (best.since <= limits_of_flight(course, flight)[0]) & ~problem.is_autonomous
+        )
         falls = is_first & (slope_on(flight, sign, row)(low) < 0)
         flight = jnp.where(falls, count, flight)
         low, high = jnp.where(falls, end_of_last - step_of_last, low), jnp.where(falls, end_of_last, high)
@@ -164,7 +165,7 @@ def _refined(problem: Problem, course: Course, best: _Sampled) -> Extremes:
             rises = slope(middle) > 0
             return jnp.where(rises, middle, ends[0]), jnp.where(rises, ends[1], middle)
 
-        first, longest = _limits(course, flight)
+        first, longest = limits_of_flight(course, flight)
         begins_here = (flight > 0) | problem.is_autonomous
         is_begin = (low <= first) & (slope(low) <= 0) & begins_here
         is_end = (high >= first + longest) & (slope(high) >= 0) & (flight < count)
@@ -180,16 +181,6 @@ def _samples(course: Course, longest: Array) -> tuple[Array, Array]:
     """Number of steps from sample to sample on a flight, and their length."""
     num = jnp.clip(jnp.ceil(longest * course.density * _DENSER), 2, _MOST)
     return num, longest / num
-
-
-def _limits(course: Course, flight: Array) -> tuple[Array, Array]:
-    """Time from which on a flight belongs to the cycle, and for how long."""
-    skipped = jnp.where(flight == 0, course.skipped, 0)
-    return skipped, jnp.clip(_of_flight(course.flights, flight) - skipped, 0, course.whole)
-
-
-def _of_flight(rows: Any, flight: Array) -> Any:
-    return jax.tree.map(lambda a: row_of_lane(jnp.asarray(a), flight), rows)
 
 
 def extreme_values(

@@ -27,7 +27,7 @@ from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import empty_sequence
 from .._progress import says_what_compiles, tqdm
 from .._system.family_description import attributes_of_system
-from .._system.system import AnySystem, ImpactSystem, machine_of
+from .._system.system import AnySystem, ImpactSystem, machine_of, mass_matrix
 from .branch import branch_of
 from .conservative import energy_of, refuse_losses
 from .follow import follow_branch
@@ -137,22 +137,22 @@ def nonsmooth_modes(
     return ds.assign_attrs(ends=words, **attributes_of_system(machine), **versions())
 
 
-def _matrix(system: ImpactSystem) -> np.ndarray:
-    mass = np.asarray(system.mass)
-    return np.diag(mass) if mass.ndim == 1 else mass
-
-
 def _linear_modes(system: ImpactSystem) -> list[_Mode]:
     """Modes that vibrate, in the order of their frequencies."""
-    squares, shapes = scipy.linalg.eigh(np.asarray(system.stiffness), _matrix(system))
+    squares, shapes = scipy.linalg.eigh(np.asarray(system.stiffness), mass_matrix(system.mass))
     found = []
     for k, (square, shape) in enumerate(zip(squares, shapes.T, strict=True)):
         if square > 1e-12 * max(abs(squares)):
-            reach = [abs(float(stop.along(shape))) for stop in system.stops]
-            gaps = [float(stop.gap(0 * shape, np.zeros(()))) for stop in system.stops]
-            least = min((gap / a for gap, a in zip(gaps, reach, strict=True) if a > 0), default=np.inf)
+            least = min((amplitude for _, amplitude in _touches(system, shape)), default=np.inf)
             found.append(_Mode(k, float(np.sqrt(square)), shape, least))
     return found
+
+
+def _touches(system: ImpactSystem, shape: np.ndarray) -> list[tuple[bool, float]]:
+    """Of each stop that a shape moves towards, or away from: whether it is the former, and the amplitude at which they touch."""
+    moves = [float(stop.along(shape)) for stop in system.stops]
+    gaps = [float(stop.gap(0 * shape, np.zeros(()))) for stop in system.stops]
+    return [(a > 0, gap / abs(a)) for a, gap in zip(moves, gaps, strict=True) if a]
 
 
 def _energy_at(mode: _Mode, amplitude: Any) -> Any:
@@ -173,14 +173,14 @@ def _family(
     (start,) = drive([family], [_first_beyond(family, system, mode)], lambda: None)
     if start is None:
         return linear, "not_converged"
-    walk, energy = DirectedBranch(family.last_phase, (-1.0, 1.0), most), _Energies(family, system)
+    walk = DirectedBranch(family.last_phase, (-1.0, 1.0), most)
     start = start if _leaves_touch(start) else start.turned()
     seen = 0
 
     def tell() -> None:
         nonlocal seen
         for point in walk.points[seen:]:
-            if walk.last is None and energy.of(point) > highest:
+            if walk.last is None and _energy_of(system, point) > highest:
                 walk.last = point.arc
         bar.update(len(walk.points) - seen)
         seen = len(walk.points)
@@ -188,7 +188,7 @@ def _family(
     drive([family], [follow_branch(walk, start)], tell)
     end = "energy" if walk.last is not None else str(walk.end)
     points = branch_of(family, start, DirectedBranch(walk.num_periods, walk.bounds, 0), walk).points
-    energies = [energy.of(point) for point in [start, *walk.all_points()]]
+    energies = [_energy_of(system, point) for point in [start, *walk.all_points()]]
     return xr.concat([linear, _columns(points, energies)], "point", join="outer", data_vars="all"), end
 
 
@@ -234,15 +234,11 @@ def _columns(points: xr.Dataset, energies: list[float]) -> xr.Dataset:
 
 def _touches_several(system: ImpactSystem, mode: _Mode) -> bool:
     """True if a mode touches several stops at one end of its swing at once."""
-    ends = []
-    for stop in system.stops:
-        along = float(stop.along(mode.shape))
-        if (
-            along
-            and abs(float(stop.gap(0 * mode.shape, np.zeros(()))) / abs(along) - mode.touch)
-            < 1e-9 * mode.touch
-        ):
-            ends.append(along > 0)
+    ends = [
+        end
+        for end, amplitude in _touches(system, mode.shape)
+        if abs(amplitude - mode.touch) < 1e-9 * mode.touch
+    ]
     return len(ends) != len(set(ends))
 
 
@@ -260,7 +256,7 @@ def _parameter_family(system: ImpactSystem, mode: _Mode) -> ParameterFamily:
         num_periods=np.asarray(1, dtype),
         phase=np.asarray(0, dtype),
         scale=scale.astype(dtype),
-        span=np.asarray(mode.frequency * _matrix(system)[moved, moved], dtype),
+        span=np.asarray(mode.frequency * mass_matrix(system.mass)[moved, moved], dtype),
         tolerance=np.asarray(0, dtype),
         shifts=np.asarray(free_shifts(numbers)),
         drift=jax.tree.map(np.asarray, free_drifts(numbers)),
@@ -303,20 +299,14 @@ def _as_reversible(system: ImpactSystem, z: np.ndarray, stop: int) -> np.ndarray
     row = np.zeros_like(x)
     for mass, coefficient in system.stops[stop].coefficients.items():
         row[mass] = float(coefficient)
-    along = np.linalg.solve(_matrix(system), row)
+    along = np.linalg.solve(mass_matrix(system.mass), row)
     return np.concatenate([x, along * (row @ v) / (row @ along)])
 
 
-class _Energies:
-    """Energies of the points of a family."""
-
-    def __init__(self, family: ParameterFamily, system: ImpactSystem):
-        self.family, self.system = family, system
-
-    def of(self, point: BranchPoint | PlainPoint) -> float:
-        """Energy of a point."""
-        own: Any = point.alone() if isinstance(point, PlainPoint) else point
-        return energy_of(self.system, np.asarray(own.seen.start))
+def _energy_of(system: ImpactSystem, point: BranchPoint | PlainPoint) -> float:
+    """Energy of a point of a family."""
+    own: Any = point.alone() if isinstance(point, PlainPoint) else point
+    return energy_of(system, np.asarray(own.seen.start))
 
 
 def _leaves_touch(point: BranchPoint) -> bool:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .defining_systems import AtPeak
 from .extremes import Extremes, extremes_of_cycle
 from .parameter_family import ExtendedCycle, ParameterFamily
+from .peak_condition import AtPeak
 from .peak_quantities import PeakQuantity, peak_quantity
 from .requests import KernelCall
 from .scheduler import answer

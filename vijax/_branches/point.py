@@ -18,7 +18,7 @@ MAXIMUM, MINIMUM = "maximum", "minimum"
 
 
 class PeakMark(NamedTuple):
-    """What a peak is of.
+    """Mark of a peak: its quantity and height.
 
     Attributes:
         kind: `MAXIMUM` or `MINIMUM`.

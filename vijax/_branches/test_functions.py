@@ -331,7 +331,7 @@ def _is_end_of_rebound(sequence: Sequence, k: int, impacts: set[int]) -> bool:
 
 
 def grips(sequence: Sequence, seen: CorrectedCycle) -> Any:
-    """What impacts leave of the grip of friction of their contacts, see `SwitchedEnd`, (events stops,).
+    """Grip that impacts leave to friction of their contacts, see `SwitchedEnd`, (events stops,).
 
     Its sign tells whether the friction sticks within the impact or slips. NaN where there is none, and in light bounces, of
     which a chatter has ever more.

@@ -34,7 +34,7 @@ import jax
 import numpy as np
 
 from .._flow.interface import AbstractFlow
-from .._system.force import BoundForce, acting_force, program_of
+from .._system.force import BoundForce, force_of, program_of
 from .._system.system import ImpactSystem
 from .._writing import naming_argument, saying_what_is_kept
 from .points import LaneInput
@@ -258,7 +258,7 @@ def _program(system: ImpactSystem) -> str:
     """Digest of the program of a force, whose name may stay the same while its body changes."""
     if not isinstance(system.force, BoundForce):
         return "none"
-    force = acting_force(system.force, system.forcing.clock)
+    force = force_of(system)
     return _digest(program_of(jax.tree.map(lambda a: a[..., 0], force), system.num_masses))
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._series.refused import Refused
-from .._system.force import BoundForce, acting_force
+from .._system.force import BoundForce, force_of
 from .._system.system import ImpactSystem
 from .force_flow import ForceFlow
 from .force_plan import plan_of
@@ -39,7 +39,7 @@ def force_flow(system: ImpactSystem, wanted: TaylorFlow) -> ForceFlow:
 def _plan(system: ImpactSystem) -> Any:
     lanes = system.stiffness.ndim > 2
     assert system.force is not None
-    force = acting_force(system.force, system.forcing.clock)
+    force = force_of(system)
     force = force if isinstance(force, BoundForce) else BoundForce(force, None)
     as_array = lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a  # noqa: E731
     return plan_of(jax.tree.map(as_array, force), system.num_masses, lanes=lanes, jacobian=True)

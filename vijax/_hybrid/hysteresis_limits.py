@@ -35,7 +35,7 @@ def is_stuck(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
 
 
 def _room(side: int, machine: Machine, state: State) -> Array:
-    """What is left of the stretch to the limit on a side."""
+    """Stretch left to the limit on a side."""
     return machine.contacts.laws.reach - side * machine.contacts.stretches(state.v)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from .._jax.arithmetic import is_arithmetic
 from .._jax.arrays import Reals, add_up, array_namespace, stack
 from .._system.contact import AbstractRigidLimit
-from .._system.force import BoundForce, acting_force
+from .._system.force import BoundForce, force_of
 from .._system.forcing import Harmonic
 from .._system.hysteresis import coupled, with_more_rows
 from .._system.load import is_constant
@@ -145,7 +145,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         restitution=restitution_of_contacts(restitutions + [one for _ in none], zero),
         signs=of_contacts([stop.sign if stop.slot else 0 for stop in stops] + none) if is_coupled else None,
         travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
-        force=acting_force(system.force, forcing.clock) if isinstance(system.force, BoundForce) else None,
+        force=force_of(system) if isinstance(system.force, BoundForce) else None,
         laws=laws_of(system, of_contacts),
         num_states=system.num_states + more,
         tables=_tables(system, more),

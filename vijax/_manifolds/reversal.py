@@ -24,7 +24,7 @@ from .._orbits.maps import monodromy_matrix, stroboscopic_map
 from .._orbits.orbit import PeriodicOrbit
 from .._system.compliant import AbstractCompliantLimit
 from .._system.contact import AbstractRigidLimit
-from .._system.force import BoundForce, acting_force
+from .._system.force import BoundForce, force_of
 from .._system.forcing import Harmonic
 from .._system.restitution import AbstractRestitution
 from .._system.system import AnySystem, ImpactSystem, machine_of
@@ -77,7 +77,7 @@ def reversed_machine(system: ImpactSystem) -> ImpactSystem:
     old = places(system)
     count = len(old) - len(stops)
     other = eqx.tree_at(places, system, [-a for a in old[:count]] + [1 / a for a in old[count:]])
-    force = acting_force(system.force, system.forcing.clock)
+    force = force_of(system)
     if force is None:
         return other
     new = (

@@ -8,7 +8,7 @@ import numpy as np
 from .._jax.concrete import is_traced
 from .._system.symmetry import Symmetry
 from .._system.system import machine_of
-from .._trajectory.simulate import simulate
+from .._trajectory.simulate import simulate_all
 from .orbit import PeriodicOrbit
 from .periodic_orbit import periodic_orbit
 
@@ -75,7 +75,7 @@ def _states(orbit: PeriodicOrbit, shares: list[float]) -> np.ndarray:
     if ts[-1] == t0:
         states = np.concatenate([np.asarray(orbit.x0), np.asarray(orbit.v0)])[None]
         return states[back]
-    sol = simulate(
+    sol = simulate_all(
         orbit.system,
         t0,
         ts[-1],
@@ -87,10 +87,4 @@ def _states(orbit: PeriodicOrbit, shares: list[float]) -> np.ndarray:
         max_events=max(orbit.events.t.shape[-1], 1),
         throw=False,
     )
-    x, v = np.asarray(sol.xs), np.asarray(sol.vs)
-    if orbit.system.hysteresis:
-        stretches = np.asarray(sol.hysteresis_force(ts)) / [
-            float(one.stiffness) for one in orbit.system.hysteresis
-        ]
-        x, v = np.append(x, 0 * stretches, axis=1), np.append(v, stretches, axis=1)
-    return np.concatenate([x, v], axis=1)[back]
+    return np.concatenate([np.asarray(sol.xs), np.asarray(sol.vs)], axis=1)[back]

@@ -135,7 +135,7 @@ def leading_zeros_of(sequence: Sequence, num_sliders: int) -> Int[Array, " event
 
 
 def _mode_of_element(sequence: Sequence, before: int) -> Int[Array, " events"]:
-    """What the element of each event does on the flight that ends with it, or so many flights earlier."""
+    """Mode of the element of each event on the flight that ends with it, or so many flights earlier."""
     mode = jnp.roll(jnp.asarray(sequence.mode)[:-1], before, axis=0)
     return jnp.take_along_axis(mode, jnp.asarray(sequence.stop)[:, None], axis=1)[:, 0]
 

@@ -74,7 +74,7 @@ class Builder:
         return operation.out
 
     def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """What `make` gives, made once for a key."""
+        """Result of `make`, made once for a key."""
         if key not in self._memo:
             self._memo[key] = make()
         return self._memo[key]
@@ -207,7 +207,7 @@ class Builder:
         return self.once(("cbrt", a), lambda: third(self.add(PowerReciprocal(self.new(), (a,), False))))
 
     def _chooser(self, a: int) -> Operand | None:
-        """What decides about a branch that was chosen, times numbers: negative by rounding only where it is meant to be zero."""
+        """Operand that decides about a chosen branch, times numbers: negative by rounding only where it is meant to be zero."""
         operation = self.by_out.get(a)
         if isinstance(operation, Chosen):
             return operation.args[0]

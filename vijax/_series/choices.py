@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .builder import Builder, key_of
-from .operations import Branch, Chosen, Linear, Operand, is_known
+from .operations import BranchFlag, Chosen, Linear, Operand, is_known
 from .switches import Switch
 
 
@@ -27,7 +27,7 @@ def above(build: Builder, a: Operand, b: Operand) -> Operand:
     guard = build.linear([(c / unit, s) for s, c in moving.items()])
     knot = build.linear([(-c / unit, s) for s, c in still.items()], 0.0 - constant / unit)
     mode = mode_of(build, guard, (knot,))
-    flag = build.once(("branch", mode), lambda: build.add(Branch(build.new(), (mode,), 0)))
+    flag = build.once(("branch", mode), lambda: build.add(BranchFlag(build.new(), (mode,), 0)))
     return flag if unit > 0 else build.compute(jnp.logical_not, (flag,), "not")
 
 

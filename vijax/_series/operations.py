@@ -318,7 +318,7 @@ class Reciprocal(Fixed):
 
 
 @dataclass(eq=False, frozen=True)
-class Branch(Fixed):
+class BranchFlag(Fixed):
     """Flag that a guard is above a knot, as its mode says. The argument is the series of the mode."""
 
     knot: int

@@ -19,7 +19,7 @@ from .._dataset_attributes import version
 from .._jax.concrete import concrete_evaluation, is_tracer
 from .._jax.jaxprs import key_of_jaxpr, reached_outputs
 from .._jax.xla import compile_lightly
-from .force import acting_force
+from .force import force_of
 from .system import ImpactSystem, check_again, with_args
 
 Kinds = tuple[tuple[tuple[int, ...], Any], ...]
@@ -197,7 +197,7 @@ def _key_of_force(shapes: ImpactSystem) -> tuple | None:
     if shapes.force is None:
         return None
     t, x = shapes.forcing.frequency, jax.ShapeDtypeStruct((shapes.num_masses,), shapes.stiffness.dtype)
-    return key_of_jaxpr(jax.make_jaxpr(lambda force, *at: force(*at))(acting_force(shapes.force, t), t, x, x))
+    return key_of_jaxpr(jax.make_jaxpr(lambda force, *at: force(*at))(force_of(shapes, t), t, x, x))
 
 
 def _in_parts(

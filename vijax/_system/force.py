@@ -105,12 +105,12 @@ def parametric_of(force: Any) -> Parametric | None:
     return own.parametric if isinstance(own, ParametricForce) else None
 
 
-def acting_force(force: Any, frequency: Any) -> Any:
-    """Force as it acts: parametric terms without a frequency have that of the load."""
-    terms = parametric_of(force)
+def force_of(system: Any, frequency: Any = None) -> Any:
+    """Force of a machine as it acts: parametric terms without a frequency have a given one, that of the load if left out."""
+    force, terms = system.force, parametric_of(system.force)
     if terms is None or terms.frequency is not None:
         return force
-    is_none = lambda leaf: leaf is None  # noqa: E731
+    frequency, is_none = system.forcing.clock if frequency is None else frequency, lambda leaf: leaf is None
     return with_parametric(force, eqx.tree_at(lambda p: p.frequency, terms, frequency, is_leaf=is_none))
 
 

@@ -131,7 +131,7 @@ class ParametricForce(eqx.Module):
 
     Attributes:
         force: of the user; None if there is none.
-        parametric: the terms; without a frequency they have that of the load, see `acting_force`.
+        parametric: the terms; without a frequency they have that of the load, see `force_of`.
     """
 
     force: Callable | None

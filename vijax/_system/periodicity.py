@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from .._jax.arrays import Numbers, as_float, over_lanes
 from .._jax.concrete import concrete, concrete_evaluation
-from .force import BoundForce, acting_force
+from .force import BoundForce, force_of
 from .system import AnySystem, ImpactSystem, with_args
 
 # Fractions of a period. None is simple, so that no wave of a likely frequency vanishes at all of them.
@@ -73,7 +73,7 @@ def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | A
     period = 2 * np.pi / np.asarray(system.forcing.frequency)
     filled = lambda a: np.broadcast_to(a, (len(x), lanes)).astype(period.dtype)  # noqa: E731
     xs, vs = (np.stack([filled(a) for a in states]) for states in _probes(system, x, v))
-    changes = concrete(_changes(acting_force(system.force, system.forcing.clock), period, xs, vs))
+    changes = concrete(_changes(force_of(system), period, xs, vs))
     return changes is not None and bool((changes > _CHANGE).any())  # None: the force closes over tracers
 
 

@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
-from .force import BoundForce, acting_force, bind_args
+from .force import BoundForce, bind_args, force_of
 from .load_values import harmonics_of, load_at
 from .symmetry import Symmetry, order_of
 
@@ -50,9 +50,7 @@ def symmetries_of(system: Any, args: object = None) -> tuple[Symmetry, ...]:
             "Symmetries are those of known numbers: call `symmetries` outside of `jax.jit`, `jax.vmap` and derivatives."
         )
     with concrete_evaluation():
-        machine = _Machine.of(
-            system, bind_args(acting_force(system.force, system.forcing.clock), args, system.num_masses)
-        )
+        machine = _Machine.of(system, bind_args(force_of(system), args, system.num_masses))
         found = list(_symmetries(machine))
     return tuple(sorted(found, key=lambda one: (one.shift, one.order)))
 

@@ -26,9 +26,9 @@ from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
 from .force import (
     BoundForce,
-    acting_force,
     as_force,
     bind_args,
+    force_of,
     name_of_force,
     parametric_of,
     with_parametric,
@@ -255,10 +255,7 @@ class ImpactSystem(eqx.Module):
     @property
     def parametric(self) -> Parametric | None:
         """Stiffness and damping that change in time; None if there are none."""
-        terms = parametric_of(self.force)
-        if terms is None or terms.frequency is not None:
-            return terms
-        return parametric_of(acting_force(self.force, self.forcing.clock))
+        return parametric_of(force_of(self))
 
     @property
     def has_full_mass(self) -> bool:
@@ -345,6 +342,12 @@ _OF_MACHINES = frozenset(
 )
 # Where a machine stands, and a family may.
 AnySystem = ImpactSystem | AbstractFamily
+
+
+def mass_matrix(mass: Any) -> np.ndarray:
+    """Mass matrix, (n, n), from itself or its diagonal."""
+    mass = np.asarray(mass)
+    return np.diag(mass) if mass.ndim == 1 else mass
 
 
 def machine_of(system: AnySystem) -> ImpactSystem:

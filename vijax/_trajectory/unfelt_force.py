@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from .._jax.arrays import Reals
 from .._jax.users_line import users_line
-from .._system.force import acting_force
+from .._system.force import force_of
 from .._system.system import ImpactSystem
 
 # Times at which the force is looked at; a pulse as short as this part of the run is found.
@@ -25,7 +25,7 @@ def warn_of_unfelt_force(
     system: ImpactSystem, span: tuple[Reals, Reals], start: tuple[Reals, Reals], solution: Any
 ) -> None:
     """Warn if the machine never moved although its `force` changes in time; a call is free of cost where it moved."""
-    force, (x, v) = acting_force(system.force, system.forcing.clock), start
+    force, (x, v) = force_of(system), start
     if force is None or system.friction or not _is_unmoved(solution, x, v):
         return
     times = np.linspace(np.asarray(span[0]), np.asarray(span[1]), _TIMES)

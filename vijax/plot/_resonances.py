@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
+from .._system.system import mass_matrix
 from ._axes import label_if_new
 from ._colors import ink
 
@@ -19,7 +20,7 @@ _FREE = 1e-12
 
 def natural_frequencies(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """Angular natural frequencies of a machine without dampers and impacts, rising; free shifts have none."""
-    squares = scipy.linalg.eigvalsh(stiffness, np.diag(mass) if mass.ndim == 1 else mass)
+    squares = scipy.linalg.eigvalsh(stiffness, mass_matrix(mass))
     return np.sqrt(squares[squares > _FREE * np.abs(squares).max()])
 
 
