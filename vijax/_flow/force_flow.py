@@ -315,7 +315,7 @@ def _at_pace(machine: Machine, pace: Scalar) -> Machine:
 def _limit(machine: Machine, x: list[Array], by_x: list[Any], by_v: list[Any], tolerance: float) -> Scalar:
     """Longest step by rules 1 and 2, and for which the phase of the load is right."""
     limit = jnp.minimum(motion_limit(x, tolerance), derivative_limit(by_x, by_v, tolerance, x[0][0]))
-    fastest = machine.waves.num_harmonics * machine.frequency
+    fastest = machine.fastest
     limit = jnp.where(
         fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit
     )
