@@ -27,11 +27,17 @@ class AbstractLoad(eqx.Module):
 
     @property
     def period(self) -> Float[Array, "..."]:
-        """Period of the load, 2 pi / W."""
+        """Period of the load, 2 pi / W.
+
+        Raises:
+            ValueError: if it has none.
+        """
         if self.frequency is None:
             raise ValueError(
                 "Loads of a sum and motions of stops have the frequency of the whole load: ask for `forcing.period` of the machine."
             )
+        if self.why_not_periodic:
+            raise ValueError(self.why_not_periodic)
         return 2 * jnp.pi / self.frequency
 
     @property
