@@ -44,11 +44,12 @@ def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolutio
     strobe = replace(strobe, flow=strobe.flow.compact())
     # The search itself is not differentiated: derivatives come from the implicit function theorem. Outside of `jit` its
     # values are known even under derivatives, so that its program serves them too.
-    return tell_of_search(strobe, _search(*stop_gradients((strobe, guess))))
+    return tell_of_search(strobe, search_alone(*stop_gradients((strobe, guess))))
 
 
 @compile_lightly
-def _search(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
+def search_alone(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
+    """A search to its end, of a strobe whose flow is `compact`."""
     numbers = strobe.numbers
     search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
     return jax.lax.while_loop(lambda search: search.is_on, lambda search: search_step(strobe, search), search)
