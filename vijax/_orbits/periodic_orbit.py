@@ -1,6 +1,5 @@
 """Search for a periodic orbit near a guess."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
@@ -101,12 +100,12 @@ def periodic_orbit(
         )
         return checked(orbit, *number_of_doubts([], *result_sentences(orbit.result))) if throw else orbit
     check_period(system, args, x0, v0)
-    angle, forcing = angle_of(phase), bound.forcing
+    angle, frequency, period = angle_of(phase), bound.forcing.frequency, bound.forcing.period
     is_unknown = is_traced((bound, flow, x, v, angle))
     if not is_unknown:  # each operation on JAX's arrays would be a program
-        x, v, angle, forcing = jax.tree.map(np.asarray, (x, v, angle, forcing))
-    t0 = angle / forcing.frequency
-    t1 = t0 + n * forcing.period
+        x, v, angle, frequency, period = map(np.asarray, (x, v, angle, frequency, period))
+    t0 = angle / frequency
+    t1 = t0 + n * period
     start = bound, t0, t1, t1[None], x, v
     doubts = validate_start(*check_values(start))
     if is_unknown:
@@ -117,7 +116,7 @@ def periodic_orbit(
     library = array_namespace(x, v, angle)
     strobe = StroboscopicMap(numbers, motion, library.asarray(float(n)), angle / (2 * np.pi), room)
     found = find(strobe, library.concatenate([x, v]))
-    period, angle = jnp.asarray(n * forcing.period), jnp.asarray(angle)
+    period, angle = jnp.asarray(n * period), jnp.asarray(angle)
     orbit = PeriodicOrbit(
         **vars(found), system=system, num_periods=n, period=period, phase=angle, args=args, flow=flow
     )
