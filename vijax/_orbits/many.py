@@ -56,7 +56,8 @@ def search_many(
         axes: for each leaf of `strobe` 0 if it has that axis, None if all lanes share it.
         guesses: states in the fixed frame, (lanes, 2 n). Neighbours should take about equally long.
         tell: called with the number of searches that ended since the last call.
-        executor: runs the searches; if left out, the cores of this process do, with the same chunks and the same bits.
+        executor: runs the searches, unless they are few; if left out, the cores of this process do, with the same chunks and
+            the same bits.
     """
     (_, first), *others = search_each(strobe, axes, guesses, tell, executor)
     num_stops = num_stops_of(strobe.numbers)
@@ -76,7 +77,7 @@ def search_each(
 ) -> list[tuple[np.ndarray, Search]]:
     """The searches of `search_many`: of all lanes, then of the lanes that needed more room, each with its indices."""
     everyone = np.arange(len(guesses))
-    if len(guesses) <= _ALONE and executor is None:
+    if len(guesses) <= _ALONE:
         return [(everyone, _one_by_one(strobe, axes, guesses, tell))]
     few = dataclasses.replace(strobe, room=min(_FEW, strobe.room))
     search = _search(few, axes, guesses, everyone, tell, executor)
