@@ -23,7 +23,7 @@ from .._jax.packing import pack
 from .._jax.xla import AbstractTask, in_one_kernel, not_constant, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, start_period
+from .._machine.state import State
 from .batched import Writing, put, row_of_lane, to_all
 from .event_log import Log, empty_log, event_log, log_row
 from .grazing import Grazing, no_grazing, update_grazing
@@ -185,7 +185,7 @@ class LoopTask(AbstractTask):
 
     def next_period(self, leg: Leg) -> State:
         """State after a step, with a new period begun where one is over."""
-        return start_period(leg.after, self.phase0, leg.instant.arrived & ~leg.is_goal)
+        return self.machine.start_period(leg.after, self.phase0, leg.instant.arrived & ~leg.is_goal)
 
 
 def next_target(
