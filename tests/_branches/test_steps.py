@@ -108,7 +108,7 @@ def test_a_branch_that_comes_to_too_many_events_is_told_so():
 
 def test_a_batch_of_one_is_computed_without_vmap_with_the_same_numbers():
     def collatz(start: jax.Array) -> tuple[jax.Array, jax.Array]:
-        following = lambda n: jax.lax.cond(n % 2 == 0, lambda: n // 2, lambda: 3 * n + 1)  # noqa: E731
+        following = lambda n: jax.lax.cond(n & 1 == 0, lambda: n >> 1, lambda: 3 * n + 1)  # noqa: E731
         one = lambda now: (following(now[0]), now[1] + 1)  # noqa: E731
         return jax.lax.while_loop(lambda now: now[0] > 1, one, (start, jnp.array(0)))
 
