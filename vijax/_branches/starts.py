@@ -365,8 +365,7 @@ def points_of(starts: list[Start], families: list[ParameterFamily]) -> list[Bran
         elements = (*machine.stops, *machine.friction, *machine.hysteresis)
         size = start.num_events, len(elements), machine.is_switching
         if size not in rooms:
-            empty = empty_sequence(*size[:2], is_switching=machine.is_switching)
-            rooms[size] = jax.tree.map(np.asarray, empty)
+            rooms[size] = empty_sequence(*size[:2], is_switching=machine.is_switching)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(point_at_orbit(rooms[size], start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))

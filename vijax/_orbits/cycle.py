@@ -137,17 +137,26 @@ class CycleFlight(NamedTuple):
 
 def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     """Traverse the sequence once."""
+    return _residual(problem, unknowns, has_moments=False)[0]
+
+
+def residual_and_moments(problem: Problem, unknowns: Unknowns) -> tuple[Residual, Moment]:
+    """`residual`, and the moments at which the flights begin, (events + 1, ...) each, those of padding included."""
+    return _residual(problem, unknowns, has_moments=True)
+
+
+def _residual(problem: Problem, unknowns: Unknowns, *, has_moments: bool) -> tuple[Residual, Any]:
     machine, flow = problem.machine, problem.flow
     place = initial_moment(problem, machine, unknowns.z)
 
-    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[Array, Array, Any]]:
+    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[tuple[Array, Array, Any], Any]]:
         duration = _duration(problem, place, flight)
         there, (value, speed), _ = fly_to_event(machine, flow, place, flight.event, duration)
-        return there, (value, speed, there.grip)
+        return there, ((value, speed, there.grip), place if has_moments else None)
 
-    place, of_events = jax.lax.scan(one, place, _flights_of(problem, unknowns))
+    place, (of_events, begins) = jax.lax.scan(one, place, _flights_of(problem, unknowns))
     values, speeds, grips = jax.tree.map(lambda a: a[:-1], of_events)
-    return Residual(values, _closing(problem, place.z - unknowns.z), speeds, grips)
+    return Residual(values, _closing(problem, place.z - unknowns.z), speeds, grips), begins
 
 
 def _closing(problem: Problem, gone: Array) -> Array:
