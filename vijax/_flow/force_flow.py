@@ -320,7 +320,7 @@ def _limit(
     """Longest step by rules 1 and 2, and for which the phase of the load is right."""
     of_derivatives = derivative_limit(by_x, by_v, tolerance, x[0][0], has_powers=has_powers)
     limit = jnp.minimum(motion_limit(x, tolerance), of_derivatives)
-    fastest = machine.waves.num_harmonics * machine.frequency
+    fastest = machine.fastest
     limit = jnp.where(
         fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit
     )
