@@ -107,7 +107,7 @@ def mixed(rng: np.random.Generator) -> Scene:
     phase, frequency, sliders = (
         rng.uniform(0, 6, 3),
         rng.uniform(0.6, 1.4),
-        [Slider(between, 1.0, of(0.1, 0.3), 0.0)],
+        (Slider(between, 1.0, of(0.1, 0.3), 0.0),),
     )
     bodies = Bodies(mass, damping, stiffness, mean, amplitude, phase, frequency, contacts, friction, sliders)
     return bodies, np.array([0.0, of(0.0, 0.2), 0.0]), np.array([0.0, 0.0, of(0.0, 0.5)])
