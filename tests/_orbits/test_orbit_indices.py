@@ -6,7 +6,7 @@ import pytest
 import vijax as vx
 
 # Starts along a position and a velocity, and the distance at which a point is the same.
-GRID, SAME = 16, 1e-7
+GRID, SAME = 32, 1e-7
 
 
 def machine(rng: np.random.Generator) -> tuple[vx.ImpactSystem, tuple[np.ndarray, np.ndarray]]:
@@ -30,11 +30,10 @@ def index(orbit: vx.PeriodicOrbit, num_periods: int) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_indices_of_all_periodic_points_add_up_to_one(seed):
-    """Lefschetz: the map of n periods is continuous and takes a disc into itself."""
-    rng, most = np.random.default_rng(seed), 0
-    for _ in range(18):
+def test_indices_of_all_periodic_points_add_up_to_one():
+    """Lefschetz: the map of n periods is continuous and takes a disc into itself. Of a quarter of the starts one is missing."""
+    rng, most = np.random.default_rng(0), 0
+    for _ in range(6):
         system, starts = machine(rng)
         for n in (1, 2, 3):
             orbits = vx.find_periodic_orbits(system, n, starts, progress=False)
