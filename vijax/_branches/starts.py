@@ -390,6 +390,7 @@ def refuse_start(number: int, start: Start, family: ParameterFamily) -> None:
             f"Orbit {number} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."
         )
     raise ValueError(
-        f"Orbit {number} is not isolated: two of its multipliers are exactly +1, as at a resonance without damping, where all "
-        "its neighbours repeat as well, and no branch is told among them. Add damping, or begin at a frequency off the resonance."
+        f"Orbit {number} is not isolated: two of its multipliers are exactly +1, as at a resonance without damping or where Jenkins "
+        "elements stick all along. All its neighbours repeat as well, and no branch is told among them. Add damping, or begin at "
+        "a frequency off the resonance, or where the elements slip."
     )

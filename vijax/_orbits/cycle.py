@@ -25,7 +25,7 @@ from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State
+from .._machine.state import AHEAD, BEHIND, State
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
@@ -35,6 +35,8 @@ from .switching_events import leading_zeros_of, switched_end, switched_instant, 
 
 # Duration, in forcing periods, below which a flight has none when residuals are divided by it.
 _MOMENT = 1e-12
+# Share of a row along a shift that a cycle may progress by, above which that is pinned in place of its slider.
+_PINNED = 1e-9
 
 
 class Unknowns(NamedTuple):
@@ -191,6 +193,25 @@ def traverse(
     return begins, speeds[:-1]
 
 
+def slider_pin(problem: Problem, scale: Float[Array, " state"]) -> Float[Array, "state state"]:
+    """The matrix that adds row . dx - de of each slider that sticks all along to the closing of its stretch e.
+
+    Such a cycle belongs to a family, one for each place of the slider, row . x - e, which comes back by itself: one closing
+    follows from the others. The step of Newton's method then keeps the slider where it is, as `rigid_modes.py` says of shifts.
+    """
+    contacts = problem.machine.contacts
+    num = contacts.num_sliders
+    mode, rows = jnp.asarray(problem.sequence.mode)[:, -num:], contacts.rows[-num:]
+    is_stuck = ~jnp.any((mode == AHEAD) | (mode == BEHIND), axis=0)
+    if problem.drift is not None:  # a shift that sliders alone resist is pinned already
+        is_stuck = is_stuck & ~jnp.any(jnp.abs(rows @ problem.drift) > _PINNED * jnp.abs(rows), axis=1)
+    size = rows.shape[1]
+    stretches = jnp.eye(size, dtype=scale.dtype)[-num:]
+    places = jnp.concatenate([rows, -stretches], axis=1) * scale[None] / scale[-1]
+    zeros = jnp.zeros_like(stretches)
+    return jnp.concatenate([zeros, stretches], axis=1).T @ (is_stuck[:, None] * places)
+
+
 def linearise(
     problem: Problem,
     unknowns: Unknowns,
@@ -244,7 +265,10 @@ def linearise(
     )
     found = Residual(values, _closing(problem, place.z - unknowns.z), speeds[:-1])
     drift = None if problem.drift is None else of_positions(problem.drift)
-    return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts), drift)
+    pin = closing_pin(problem.shifts)
+    if problem.machine.contacts.num_sliders:
+        pin = pin + slider_pin(problem, scale)
+    return found, Flights(begin, forward, normal, close, pin, drift)
 
 
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:
