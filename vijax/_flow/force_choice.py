@@ -15,7 +15,7 @@ from .force_plan import plan_of
 from .taylor import TaylorFlow
 
 # Operations of all coefficients, written out, beyond which a program takes too long to compile.
-_MOST_OPERATIONS = 10_000
+_MOST_OPERATIONS = 40_000
 
 _warned: set[str] = set()
 
