@@ -100,7 +100,9 @@ def _by_loop(machine: Machine, hold: Held, series: Series, state: State, order: 
         (sums, x, v), (k, share, phase) = carry, now
         own = one_order(series, k, sums, *in_space(machine, phase, x, v))
         total, a = _motion(machine, hold, own.force(k), x, v, phase, has_mean=False)
-        sizes = [_row_sum(machine, root, e) for e in (own.by_x(k), own.by_v(k))] if plan.has_jacobian else None
+        sizes = (
+            [_row_sum(machine, root, e) for e in (own.by_x(k), own.by_v(k))] if plan.has_jacobian else None
+        )
         kept = {guard: jnp.asarray(own.coefficient(guard, k), dtype) for guard in guards}
         return (own.sums, v * share, a * share), (x, v, total, kept, sizes)
 
@@ -116,7 +118,8 @@ def _by_loop(machine: Machine, hold: Held, series: Series, state: State, order: 
     if plan.has_jacobian:
         starts = [_row_sum(machine, root, e) for e in _jacobian(machine, series)]
         sizes = tuple(
-            a[None] if b is None else jnp.concatenate([a[None], b]) for a, b in zip(starts, sizes, strict=True)
+            a[None] if b is None else jnp.concatenate([a[None], b])
+            for a, b in zip(starts, sizes, strict=True)
         )
     forces = jnp.concatenate([force[None], forces])
     guarded = LoopSeries(series, kept, order) if plan.num_switches else None

@@ -14,8 +14,7 @@ from jaxtyping import Array
 
 from .._lanes.graph import Node
 from .builder import Builder
-from .graph_of_force import is_known as is_known_element
-from .graph_of_force import ordered_nodes, scalars_of
+from .graph_of_force import is_known as is_known_element, ordered_nodes, scalars_of
 from .jacobian import derivatives
 from .operations import Fixed, Integral, Linear, Operand, Operation, Product, Slope, is_known
 from .powers import ClosingPower, Power

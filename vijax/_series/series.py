@@ -182,5 +182,3 @@ class _Rows(Read):
             factor = p * (j / k) - (k - j) / k
             total = plus(total, times(factor, times(self(a, j), self(b, k - j))))
         return total
-
-
