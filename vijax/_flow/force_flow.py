@@ -20,6 +20,7 @@ from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State, with_memory
+from .._series.order_loop import LoopSeries
 from .._series.plan import Plan
 from .._series.series import Series, force_at
 from .branches import DECIDING, Branches, branches_ahead, changes_at, modes_now, unknown_branches
@@ -253,7 +254,7 @@ class ForceFlow(ExpandingFlow):
         if not plan.num_switches:
             return ()
 
-        def series_with(modes: tuple[Scalar, ...]) -> Series:
+        def series_with(modes: tuple[Scalar, ...]) -> Series | LoopSeries:
             return force_series(plan, machine, state, hold, modes, DECIDING, is_alone=is_alone).series
 
         return modes_now(plan, state.memory, series_with)

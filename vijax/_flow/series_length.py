@@ -92,7 +92,7 @@ def _neighbours(by_x: list[Any], by_v: list[Any], rate: Scalar, order: int) -> t
 
 
 def _neighbours_by_loop(
-    by_x: Float[Array, " orders"], by_v: Float[Array, " orders"], rate: Scalar, order: int
+    by_x: Float[Array, " of_x"], by_v: Float[Array, " of_v"], rate: Scalar, order: int
 ) -> tuple[Scalar, Scalar]:
     """`_neighbours` of arrays. Products of one sum stand beside each other, as in `Convolution`."""
     size = 1 << (order - 1).bit_length()
