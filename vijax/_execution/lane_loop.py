@@ -32,7 +32,7 @@ from .._jax.arrays import append_axes
 from .._jax.xla import as_part, compute_once
 from .._lanes.transform import lanes_last
 from .._machine.machine import Machine, in_periods
-from .._machine.state import State, start_period
+from .._machine.state import State
 from .._machine.tables import row_at
 from .._trajectory.loop import is_finite, next_target
 from .._trajectory.observer import Observed, observe
@@ -230,7 +230,7 @@ def _recorded(
     is_over = instant.arrived if at_mark is None else instant.arrived & ~at_mark
     passed = (state.periods - work.transient) * machine.period + instant.time
     hit = instant.hit & counted
-    after = start_period(after, task.phase0, is_over)
+    after = machine.start_period(after, task.phase0, is_over)
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
     stop, velocity = jnp.arange(len(hit)), machine.contacts.signed(instant.velocity_minus)
     if (of_stops := machine.velocity_of_stops(after.phase)) is not None:

@@ -176,7 +176,7 @@ class SteppingFlow(AbstractFlow):
 
 def longest_step(machine: Machine) -> Scalar:
     """Longest step for which `phase_change` is accurate."""
-    fastest = machine.waves.num_harmonics * machine.frequency
+    fastest = machine.fastest
     return LONGEST_STEP_AND_TERMS[str(machine.rate.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
 
 

@@ -252,7 +252,7 @@ def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time:
     """
 
     def of_harmonics(phase: Array) -> Array:
-        angle = speeds(phase, machine.frequency) * time
+        angle = speeds(phase, machine.pace) * time
         wave, arc = cosine_and_sine(angle * angle, LONGEST_STEP_AND_TERMS[str(angle.dtype)][1])
         return turned(phase, (wave, angle * arc))
 

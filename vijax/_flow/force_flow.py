@@ -115,7 +115,8 @@ class ForceFlow(ExpandingFlow):
         modes = self._modes(machine, state, hold, is_alone=is_alone)
         motion = force_series(plan, machine, state, hold, modes, order, is_alone=is_alone)
         call = compute_once if is_alone else _plainly
-        limit = call(_limit, machine, motion.x, *motion.sizes, tolerance)
+        limit_of = partial(_limit, has_powers=plan.has_closing_powers)
+        limit = call(limit_of, machine, motion.x, *motion.sizes, tolerance)
         limit = time_limit(self._plan(machine), machine, state, modes, limit, order, tolerance)
         limit = _consistent(
             self._plan(machine), machine, state, hold, modes, motion, limit, tolerance, direction
@@ -336,10 +337,13 @@ def _at_pace(machine: Machine, pace: Scalar) -> Machine:
     return eqx.tree_at(lambda m: (m.rate, m.timescale), machine, (1 / timescale, timescale))
 
 
-def _limit(machine: Machine, x: Orders, by_x: Any, by_v: Any, tolerance: float) -> Scalar:
+def _limit(
+    machine: Machine, x: Orders, by_x: Any, by_v: Any, tolerance: float, *, has_powers: bool
+) -> Scalar:
     """Longest step by rules 1 and 2, and for which the phase of the load is right."""
-    limit = jnp.minimum(motion_limit(x, tolerance), derivative_limit(by_x, by_v, len(x) - 1, tolerance))
-    fastest = machine.waves.num_harmonics * machine.frequency
+    of_derivatives = derivative_limit(by_x, by_v, len(x) - 1, tolerance, has_powers=has_powers)
+    limit = jnp.minimum(motion_limit(x, tolerance), of_derivatives)
+    fastest = machine.fastest
     limit = jnp.where(
         fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit
     )

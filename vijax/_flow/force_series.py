@@ -36,7 +36,8 @@ class ForceSeries(NamedTuple):
         v: velocities, likewise.
         force: force on the masses without contact forces, orders 0 to P - 1.
         phase: phase of the load, orders 0 to P + MORE_OF_PHASE.
-        series: series of the force along the motion; of a loop those of the guards of its switches, None if there are none.
+        series: series of the force along the motion; of a loop the first coefficients, and those of the guards of its switches, None
+            if nobody reads them.
         sizes: `jacobian_sizes` of a plan that has them.
     """
 
@@ -70,7 +71,9 @@ def force_series(
         is_alone: whether a loop makes them, of one trajectory; otherwise they are written out, for `lanes_last`.
     """
     assert machine.extra is not None
-    series = series_of(plan, machine.extra.force, machine.clock(state), like=state.x, modes=modes)
+    at_knot = () if state.memory is None else [entered != 0 for entered in state.memory.entered]
+    clock = machine.clock(state)
+    series = series_of(plan, machine.extra.force, clock, like=state.x, modes=modes, at_knot=at_knot)
     if is_alone:
         return compute_once(_by_loop, machine, hold, series, state, order)
     x, v, phase, force = [state.x], [state.v], [state.phase], []
@@ -122,8 +125,8 @@ def _by_loop(machine: Machine, hold: Held, series: Series, state: State, order: 
             for a, b in zip(starts, sizes, strict=True)
         )
     forces = jnp.concatenate([force[None], forces])
-    guarded = LoopSeries(series, kept, order) if plan.num_switches else None
-    return ForceSeries(x, v, forces, phase, guarded, sizes)
+    found = LoopSeries(series, kept, order) if plan.num_switches or plan.has_jacobian else None
+    return ForceSeries(x, v, forces, phase, found, sizes)
 
 
 def _motion(

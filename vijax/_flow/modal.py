@@ -140,7 +140,7 @@ class ModalFlow(ExpandingFlow):
 
 def _response(machine: Machine, modes: Modes) -> SteadyResponse:
     w2, a, shape, waves = modes.squared_frequency, modes.decay, modes.shape, machine.waves
-    speed = waves.speeds(machine.frequency)
+    speed = waves.speeds(machine.pace)
     stiff, drag = w2[None] - speed * speed, 2 * a[None] * speed
     scale = stiff * stiff + drag * drag
     c, s = _both(waves.cosine, waves.sine, shape)
@@ -159,23 +159,23 @@ def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
     third, fourth = skew + 2 * a * w, w * skew + 4 * a * jnp.abs(w2 - 2 * a * a)
     shape = jnp.abs(modes.shape)
     x4 = shape * fourth[None]
-    x4_load = machine.frequency**4 * response.waves.bound(4)
+    x4_load = response.waves.rate_bound(4, machine.pace)
     # Forces are formed before absolute values are taken: symmetry may keep that on a held mass zero.
     drag, spring = (jnp.abs(matrix_product(a, modes.shape)) for a in (machine.damping, machine.stiffness))
     force = drag * fourth[None] + spring * third[None]
-    force_load = machine.frequency**3 * _force_waves(machine, response).bound(3)
+    force_load = _force_waves(machine, response).rate_bound(3, machine.pace)
     rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)
     if not machine.contacts.is_switching:
         return Rests(*rests)
     x5 = shape * (2 * a * fourth + w2 * third)[None]
-    x5_load = machine.frequency**5 * response.waves.bound(5)
+    x5_load = response.waves.rate_bound(5, machine.pace)
     return Rests(*rests, x5 * (1 / 24), x5_load * (1 / 24))
 
 
 def _force_waves(machine: Machine, response: SteadyResponse) -> Waves:
     """Harmonics of the forces on the masses in the steady response."""
     x, load = response.waves, machine.waves
-    speed = x.speeds(machine.frequency)
+    speed = x.speeds(machine.pace)
     spring, drag = (jnp.swapaxes(a, 0, 1) for a in (machine.stiffness, machine.damping))
     c, s = _both(x.cosine, x.sine, spring)
     c_rate, s_rate = _both(speed * x.sine, speed * x.cosine, drag)
@@ -364,7 +364,7 @@ def _moved(
     step: Scalar,
 ) -> tuple[Array, Array, Array]:
     """Displacement, velocity and change of the phase after a step, from the free motion (q, q')."""
-    speed = speeds(state.phase, machine.frequency)
+    speed = speeds(state.phase, machine.pace)
     fade, wave, arc, turn, slide = compute_once(factors, modes.squared_frequency, modes.decay, speed, step)
     increments = faded(modes.decay, fade, wave, arc)
     change = turned(state.phase, (turn, slide))
@@ -394,7 +394,7 @@ def _moved_under_tables(
     moved = from_rest(w2, a, step, len(push))
 
     def of_harmonics(phase: Array) -> Array:
-        speed = speeds(phase, machine.frequency)
+        speed = speeds(phase, machine.pace)
         terms = LONGEST_STEP_AND_TERMS[str(step.dtype)][1]
         turn, slide = compute_once(cosine_and_sine, speed * speed * step * step, terms)
         return turned(phase, (turn, slide * speed * step))

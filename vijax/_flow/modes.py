@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
-from .._machine.numbers import num_harmonics
+from .._machine.numbers import num_harmonics, tones_of
 from .._system.checks import is_semidefinite, is_symmetric
 from .._system.system import ImpactSystem
 from .modal import ModalFlow, Modes
@@ -109,9 +109,13 @@ def _tables(
 
 def speeds_of(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
     """Lowest and highest frequency of every harmonic of load and moving stops, (lanes, harmonics); None if traced."""
-    frequency = concrete(system.forcing.frequency)
+    tones = tones_of(system)
+    frequency = concrete(system.forcing.clock if tones is None else tones.frequencies)
     if frequency is None:
         return None
+    if tones is not None:
+        speeds = tones.of_rows(frequency).reshape(num_harmonics(system), -1).T
+        return speeds, speeds
     orders = np.arange(1, num_harmonics(system) + 1)
     low, high = (np.atleast_1d(a)[:, None] * orders for a in band or (frequency, frequency))
     return low, high

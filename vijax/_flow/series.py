@@ -67,7 +67,9 @@ def next_coefficients(machine: Machine, hold: Held) -> Callable:
     n, mean, tables = machine.num_masses, _rows(machine.mean), machine.tables
     num_harmonics = machine.waves.num_harmonics
     waves = [_rows(row) for load in (machine.waves.cosine, machine.waves.sine) for row in load]
-    speeds = [machine.frequency * (h + 1) for h in range(machine.waves.num_harmonics)]
+    speeds = [machine.frequency * (h + 1) for h in range(num_harmonics)]
+    if machine.tones is not None:
+        speeds = list(machine.tones.speeds)
 
     def product(matrix: Float[Array, "n n ..."], x: list[Array]) -> list[Array]:
         if n > _SHORT:

@@ -10,6 +10,7 @@
    shows in no coefficient either.
 """
 
+from collections.abc import Callable
 from math import factorial, log2
 from typing import Any
 
@@ -33,8 +34,8 @@ from .orders import Orders, slope_of, value_of
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
 # Impulse of the contradiction at the end of a step, in tolerances: its mean over the step is far smaller, but not that of a power
-# that begins.
-_SLACK, _OF_CLOSING = 1e3, 1e-2
+# that begins. What such a power adds to the derivatives of the motion begins with a lower power of time, so it must be far smaller.
+_SLACK, _OF_CLOSING = 1e3, 1e-7
 # Radius of the disc on which functions of time are bounded, in lengths of the step, and halvings of a step.
 _DISC = 6.0
 _MOST_HALVINGS = 60
@@ -42,43 +43,54 @@ _MOST_HALVINGS = 60
 
 def motion_limit(x: Orders, tolerance: float) -> Scalar:
     """Rule 1: longest step for which the last two coefficients of the positions are below the tolerance."""
-    bias = _BITS[str(x[0].dtype)][2]
-    order, eps = len(x) - 1, float(jnp.finfo(x[0].dtype).eps)
-    size = lambda a, k: _log2(jnp.max(jnp.abs(a[k]), axis=0))  # noqa: E731
-    known = [(k, size(x, k) + log2(eps if k == 0 else tolerance)) for k in range(min(4, order - 1))]
+    eps = float(jnp.finfo(x[0].dtype).eps)
+    return _limit_of_last(lambda k: jnp.max(jnp.abs(x[k]), axis=0), len(x) - 1, [eps, *[tolerance] * 3])
+
+
+def _limit_of_last(of: Callable[[int], Array], order: int, tolerances: list[float]) -> Scalar:
+    """Longest step for which the last two terms up to an order are below one of the first, each times its tolerance."""
+    bias = _BITS[str(of(0).dtype)][2]
+    known = [(k, _log2(of(k)) + log2(least)) for k, least in enumerate(tolerances[: order - 1])]
     limits = []
     for k in (order - 1, order):
-        last = size(x, k)
+        last = _log2(of(k))
         room = largest([(allowed - last) * (1 / (k - j)) for j, allowed in known])
         limits.append(jnp.where(last <= 1 - bias, bias, room))
     return _SHARE * _exp2(jnp.minimum(*limits))
 
 
-def derivative_limit(by_x: Any, by_v: Any, order: int, tolerance: float) -> Scalar:
+def derivative_limit(
+    by_x: Any, by_v: Any, order: int, tolerance: float, *, has_powers: bool = False
+) -> Scalar:
     """Rule 2: longest step for which the derivatives of the motion by its start are right.
 
     They obey w'' = K(t) w + D(t) w'. With k_m, d_m the largest row sums of the m-th coefficients, their own coefficients are
     below those of phi'' = k phi + d phi': one scalar recurrence for all directions and any number of masses, to which the
-    rule of the last two coefficients applies.
+    rule of the last two coefficients applies. Where a power begins, steps are far shorter than the time scale of the machine: there
+    the last coefficients of phi' must be small against its first ones too, or series are used beyond their radius of convergence.
 
     Args:
         by_x: k_m for every m, None where it is known to be zero; or an array, of one order if all others are.
         by_v: d_m likewise.
         order: number of orders.
         tolerance: bound of the last terms.
+        has_powers: whether there are powers that begin.
     """
     rate = jnp.sqrt(by_x[0]) + by_v[0]
     later = (*by_x[1:], *by_v[1:]) if isinstance(by_x, list) else (*[0] * (len(by_x) + len(by_v) - 2),)
     if all(a is None for a in later):
         most = (tolerance * factorial(order)) ** (1 / order)
         return most / jnp.maximum(rate, _tiny(rate))
-    last = (_neighbours if isinstance(by_x, list) else _neighbours_by_loop)(by_x, by_v, rate, order)
-    room = [(log2(tolerance) - _log2(phi)) * (1 / k) for k, phi in zip((order - 1, order), last, strict=True)]
-    return _SHARE * _exp2(jnp.minimum(*room))
+    phi = (_neighbours if isinstance(by_x, list) else _neighbours_by_loop)(by_x, by_v, rate, order)
+    room = [(log2(tolerance) - _log2(phi[k])) * (1 / k) for k in (order - 1, order)]
+    limit = _SHARE * _exp2(jnp.minimum(*room))
+    if not has_powers:
+        return limit
+    return jnp.minimum(limit, _limit_of_last(lambda k: (k + 1) * phi[k + 1], order - 1, [tolerance] * 4))
 
 
-def _neighbours(by_x: list[Any], by_v: list[Any], rate: Scalar, order: int) -> tuple[Scalar, Scalar]:
-    """The last two coefficients of phi."""
+def _neighbours(by_x: list[Any], by_v: list[Any], rate: Scalar, order: int) -> list[Scalar]:
+    """Coefficients of phi."""
     zero = jnp.zeros_like(rate)
     phi, slope = [jnp.ones_like(rate), zero + rate], [zero + rate]
     for q in range(2, order + 1):
@@ -88,26 +100,26 @@ def _neighbours(by_x: list[Any], by_v: list[Any], rate: Scalar, order: int) -> t
                 total = total if a is None else total + a * b
         phi.append(total * (1 / (q * (q - 1))))
         slope.append(q * phi[q])
-    return phi[order - 1], phi[order]
+    return phi
 
 
 def _neighbours_by_loop(
     by_x: Float[Array, " of_x"], by_v: Float[Array, " of_v"], rate: Scalar, order: int
-) -> tuple[Scalar, Scalar]:
+) -> Float[Array, " orders"]:
     """`_neighbours` of arrays. Products of one sum stand beside each other, as in `Convolution`."""
     size = 1 << (order - 1).bit_length()
     sizes = jnp.stack([jnp.pad(a, (0, size - len(a))) for a in (by_x, by_v)], axis=1)
 
-    def one(carry: tuple[Array, Scalar], now: tuple[Scalar, Scalar]) -> tuple[tuple[Array, Scalar], None]:
+    def one(carry: tuple[Array, Scalar], now: tuple[Scalar, Scalar]) -> tuple[tuple[Array, Scalar], Scalar]:
         (ahead, before), (q, share) = carry, now
         phi = jnp.sum(added_by_halves(sizes * ahead)) * share
-        return (jnp.concatenate([jnp.stack([before, q * phi])[None], ahead[:-1]]), phi), None
+        return (jnp.concatenate([jnp.stack([before, q * phi])[None], ahead[:-1]]), phi), phi
 
     q = np.arange(2, order + 1)
-    begin = jnp.pad(jnp.stack([jnp.ones_like(rate), rate])[None], ((0, size - 1), (0, 0)))
+    first = jnp.stack([jnp.ones_like(rate), rate])
+    begin = jnp.pad(first[None], ((0, size - 1), (0, 0)))
     factors = jnp.asarray(q, rate.dtype), jnp.asarray(1 / (q * (q - 1)), rate.dtype)
-    (ahead, phi), _ = jax.lax.scan(one, (begin, rate), factors)
-    return ahead[0, 0], phi
+    return jnp.concatenate([first, jax.lax.scan(one, (begin, rate), factors)[1]])
 
 
 def time_limit(
@@ -142,6 +154,19 @@ def time_limit(
     # The first turn looks at the limit itself.
     begin = 2 * limit, jnp.ones(limit.shape, bool), jnp.full(limit.shape, -1)
     return jax.lax.while_loop(is_on, halve, begin)[0]
+
+
+def _felt(machine: Machine, state: State, motion: ForceSeries) -> Array:
+    """Change of the force if every position and velocity changed by itself; its rounding follows from theirs.
+
+    At rest on an equilibrium the terms of a force cancel inside of it, as in sin(x) at pi: its own size tells nothing.
+    """
+    series, (x, v) = motion.series, in_space(machine, state.phase, state.x, state.v)
+    rows = [jnp.zeros_like(a) for a in state.x]
+    for entries, of in ((series.by_x(0), x), (series.by_v(0), v)):
+        for (i, j), entry in entries.items():
+            rows[i] = rows[i] + jnp.abs(entry * of[j])
+    return jnp.stack(rows)
 
 
 def _tiny(like: Array) -> float:
@@ -187,16 +212,14 @@ def is_consistent(
         plan, machine.extra.force, machine.clock(state) + step, *in_space(machine, phase, x, v), modes
     )
     load = machine.load(phase)
-    terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own
+    terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own, _felt(machine, state, motion)
     a = machine.contacts.accelerations(load - terms[1] - terms[2] + own, hold, phase)
     defect = jnp.max(jnp.abs(a - value_of(slope_of(motion.v), step)), axis=0)
     speed = jnp.max(jnp.maximum(jnp.abs(v), jnp.abs(state.v)), axis=0)
     rounding = jnp.max(machine.contacts.inverse_mass_size(add_up([jnp.abs(term) for term in terms])), axis=0)
-    most = (
-        tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
-        + 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
-    )
-    share: Any = _SLACK
+    motion_size = tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
+    blur = 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
+    most = _SLACK * (motion_size + blur)
     if plan.has_closing_powers:
-        share = jnp.where(is_entering(state.memory), _OF_CLOSING, share)
-    return jnp.isfinite(defect) & (step * defect <= share * most)
+        most = jnp.where(is_entering(state.memory), _OF_CLOSING * motion_size + blur, most)
+    return jnp.isfinite(defect) & (step * defect <= most)

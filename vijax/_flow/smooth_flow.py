@@ -13,8 +13,8 @@ from jaxtyping import Array, Float, Int
 from .._jax.arrays import Scalar, smallest
 from .._jax.xla import is_any
 from .._machine.machine import Machine
-from .._machine.state import State, start_period
-from .._system.waves import phase_at, turned
+from .._machine.state import State
+from .._system.waves import turned
 from .interface import AbstractFlow
 
 # Period of a machine without load, times its rate: any would serve, this one is a few steps.
@@ -41,10 +41,10 @@ def coast(
         time: remainder of the final time, which is not before the start of the motion.
         max_steps: bound on the steps within a period. A motion that needs more ends in NaN.
     """
-    if machine.tables is not None:
-        return _by_knots(flow, machine, state, phase0, periods, time, max_steps)
-    if flow.flow_map_reaches_far:
+    if machine.tables is None and flow.flow_map_reaches_far:
         return _flow_map(flow, machine, state, phase0, periods, time)
+    if machine.tables is not None or machine.tones is not None:
+        return _through_periods(flow, machine, state, phase0, periods, time, max_steps)
     return _by_steps(flow, machine, state, phase0, periods, time, max_steps)
 
 
@@ -58,7 +58,7 @@ def _flow_map(
 ) -> State:
     """Coast by one evaluation of the flow map."""
     span = (periods - state.periods) * machine.period + (time - state.time)
-    phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
+    phase = turned(machine.phase_of_period(phase0, periods), machine.phase_of_harmonics(time))
     displacement, gain = flow.flow_map(machine, state, machine.hold(state.held), span, phase - state.phase)
     names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
     there = periods, time, phase, machine.moved(state.x, displacement), state.v + gain
@@ -100,7 +100,7 @@ def _by_steps(
     return _for(flow, machine, state, jnp.where(is_driven & is_later, time, 0), max_steps)
 
 
-def _by_knots(
+def _through_periods(
     flow: AbstractFlow,
     machine: Machine,
     state: State,
@@ -109,7 +109,7 @@ def _by_knots(
     time: Scalar,
     max_steps: Int[Array, ""],
 ) -> State:
-    """Coast step by step, from knot to knot of a load by a table and from period to period."""
+    """Coast step by step, from knot to knot of loads by tables and from period to period, which need not be alike."""
 
     def left(state: State) -> tuple[Scalar, Array]:
         is_last = state.periods >= periods
@@ -118,13 +118,14 @@ def _by_knots(
     def step(carry):
         state, steps = carry
         ahead, is_last = left(state)
-        until = machine.until_knots(state)
-        target = jnp.maximum(jnp.minimum(ahead, smallest(until)), 0)
+        until = None if machine.tables is None else machine.until_knots(state)
+        target = jnp.maximum(ahead if until is None else jnp.minimum(ahead, smallest(until)), 0)
         moved, length = flow.coast(machine, state, target)
         is_there = length >= target
         rounding = 4 * jnp.finfo(target.dtype).eps * jnp.minimum(machine.period, state.time + target)
-        moved, _ = machine.past_knots(moved, is_there & (until <= target + rounding))
-        moved = start_period(moved, phase0, is_there & ~is_last & (ahead <= target + rounding))
+        if until is not None:
+            moved, _ = machine.past_knots(moved, is_there & (until <= target + rounding))
+        moved = machine.start_period(moved, phase0, is_there & ~is_last & (ahead <= target + rounding))
         return moved, steps + 1
 
     def is_on(carry):

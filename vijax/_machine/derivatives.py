@@ -77,7 +77,7 @@ def sizes_of_force(
         v_size: those of the velocities.
         order: of the derivative.
     """
-    own = jnp.abs(load) + machine.frequency**order * machine.waves.bound(order)
+    own = jnp.abs(load) + machine.waves.rate_bound(order, machine.pace)
     own = own if order else own + jnp.abs(machine.mean)
     own = own if machine.tables is None else own + machine.tables.bound(order)
     return own + matvec(jnp.abs(machine.damping), v_size) + matvec(jnp.abs(machine.stiffness), x_size)

@@ -17,16 +17,18 @@ from .._jax.arrays import (
     matvec,
     with_derivative_of,
 )
-from .._system.waves import Waves, phase_at, phase_rate, turned
+from .._jax.xla import is_any
+from .._system.waves import Tones, Waves, phase_at, phase_of, phase_rate, turned
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
 from .frame import Frame
 from .numbers import MachineNumbers
 from .rate_bounds import of_unit_mass, rate_of_motion, rate_with_closed
-from .state import State, idle_mode
+from .state import State, idle_mode, start_period
 from .stops import Stops
 from .switching import COMPLIANT, JENKINS, SwitchingContacts
 from .tables import Knots, Tables, prepare_tables
+from .turns import Turns
 
 
 class Machine(eqx.Module):
@@ -37,7 +39,8 @@ class Machine(eqx.Module):
     contacts closed, None if there are none. `extra` is None for a linear
     machine. `frame` is None where all stops stand still or contacts are coupled. Otherwise everything, the load
     included, is relative to it: positions and velocities are relative to the stops of their mass. `tables` is None
-    where no load is given by a table.
+    where no load is given by a table. `tones` is None where all harmonics have the frequency `frequency`, by which periods are
+    counted; otherwise it has the frequencies of the rows of `waves`, and `turns` their quotients to it.
     """
 
     damping: Float[Array, "n n ..."]
@@ -56,6 +59,20 @@ class Machine(eqx.Module):
     num_states: int = eqx.field(static=True, default=0)
     tables: Tables | None = None
     base: Any = None  # `BaseLoad`, only where absolute accelerations are computed
+    tones: Tones | None = None
+    turns: Turns | None = None
+
+    @property
+    def pace(self) -> Any:
+        """Angular frequency of all rows of `waves`: one number, or `Tones`."""
+        return self.frequency if self.tones is None else self.tones
+
+    @property
+    def fastest(self) -> Scalar:
+        """Highest angular frequency of the load."""
+        if self.tones is None:
+            return self.waves.num_harmonics * self.frequency
+        return jnp.max(self.tones.speeds, axis=0)
 
     @property
     def num_masses(self) -> int:
@@ -93,12 +110,40 @@ class Machine(eqx.Module):
 
     @property
     def is_periodic(self) -> bool:
-        """True if all loads by tables repeat with the forcing period, and where there are none."""
-        return self.tables is None or all(self.tables.first.in_step)
+        """True if all loads repeat with the forcing period."""
+        return self.tones is None and (self.tables is None or all(self.tables.first.in_step))
+
+    def phase_of_harmonics(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
+        """Phase of the harmonics at a time."""
+        if self.tones is None:
+            return phase_at(self.frequency * t, self.waves.num_harmonics)
+        return phase_of(self.tones.speeds * t)
+
+    def phase_of_period(
+        self, phase0: Float[Array, "2 harmonics ..."], periods: Int[Array, "..."]
+    ) -> Float[Array, "2 harmonics ..."]:
+        """Phase at the beginning of a forcing period, from that at the beginning of the first."""
+        if self.tones is None or self.turns is None:
+            return phase0
+        turns = self.tones.of_rows(self.turns.in_periods(periods)[1])
+        by = phase_of(2 * jnp.pi * (turns - jnp.round(turns)))
+        own = turned(phase0[:, : self.waves.num_harmonics], by)
+        return own if self.tables is None else _side_by_side(own, self._columns(phase0))
+
+    def start_period(
+        self, state: State, phase0: Float[Array, "2 harmonics ..."], is_over: Bool[Array, "..."]
+    ) -> State:
+        """Count a forcing period that is over and reset time and phase, so that neither drifts."""
+        if self.tones is not None:
+            begins = lambda: self.phase_of_period(phase0, state.periods + 1)  # noqa: E731
+            phase0 = jax.lax.cond(
+                is_any(is_over), lambda: jnp.broadcast_to(begins(), state.phase.shape), lambda: state.phase
+            )
+        return start_period(state, phase0, is_over)
 
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at a time."""
-        phase = phase_at(self.frequency * t, self.waves.num_harmonics)
+        phase = self.phase_of_harmonics(t)
         return phase if self.tables is None else self.with_tables_at(phase, t)
 
     def with_tables_at(
@@ -110,7 +155,7 @@ class Machine(eqx.Module):
 
     def phase_at_start(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at the beginning of a trajectory, at which the machine was prepared."""
-        return self.with_tables(phase_at(self.frequency * t, self.waves.num_harmonics))
+        return self.with_tables(self.phase_of_harmonics(t))
 
     def with_tables(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 columns ..."]:
         """Phase of the harmonics, and columns of loads by tables, at the beginning of a trajectory."""
@@ -120,7 +165,7 @@ class Machine(eqx.Module):
         self, phase: Float[Array, "2 harmonics ..."], step: Scalar
     ) -> Float[Array, "2 harmonics ..."]:
         """Phase after a step of any length without a knot."""
-        by = phase_at(self.frequency * step, self.waves.num_harmonics)
+        by = self.phase_of_harmonics(step)
         if self.tables is None:
             return turned(phase, by)
         own = turned(phase[:, : self.waves.num_harmonics], by)
@@ -150,8 +195,8 @@ class Machine(eqx.Module):
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""
         if self.tables is None:
-            return phase_rate(phase, self.frequency)
-        harmonics = phase_rate(phase[:, : self.waves.num_harmonics], self.frequency)
+            return phase_rate(phase, self.pace)
+        harmonics = phase_rate(phase[:, : self.waves.num_harmonics], self.pace)
         return _side_by_side(harmonics, self.tables.rate(self._columns(phase)))
 
     def force(
@@ -302,7 +347,8 @@ class Machine(eqx.Module):
     def until_knots(self, state: State) -> Float[Array, "streams ..."]:
         """Time to the next knot of each load by a table."""
         assert self.tables is not None
-        return self.tables.until(state.knots, state.periods * self.period, state.time, state.time_low)
+        elapsed = state.periods * self.period
+        return self.tables.until(state.knots, state.periods, elapsed, state.time, state.time_low)
 
     def past_knots(self, state: State, at: Bool[Array, "streams ..."]) -> tuple[State, Flag]:
         """State after knots of flagged tables, and whether the load jumps there by more than rounding."""
@@ -410,7 +456,8 @@ def prepare(
     is_driven = frequency > 0
     longest = jnp.asarray(jnp.finfo(numbers.mass.dtype).max ** 0.5, numbers.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, frequency, 1.0), longest)
-    rate = jnp.maximum(rate_of_motion(numbers, unit), numbers.highest * frequency)
+    tones = numbers.tones
+    rate = jnp.maximum(rate_of_motion(numbers, unit), _fastest(numbers))
     extra = None
     if numbers.force is not None:
         extra = ExtraForce(numbers.force, start[0], frame)
@@ -435,7 +482,16 @@ def prepare(
         num_states=numbers.num_states,
         tables=_tables(numbers, start[0], frequency),
         base=numbers.base,
+        tones=tones,
+        turns=None if tones is None else Turns.of(tones.frequencies, frequency),
     )
+
+
+def _fastest(numbers: MachineNumbers) -> Scalar:
+    """Highest angular frequency of load and moving stops."""
+    if numbers.tones is None:
+        return numbers.highest * numbers.frequency
+    return jnp.max(numbers.highest * numbers.tones.frequencies, axis=0)
 
 
 def _tables(numbers: MachineNumbers, t0: Scalar, frequency: Scalar) -> Tables | None:

@@ -17,7 +17,7 @@ from .._system.hysteresis import coupled, with_more_rows
 from .._system.load import is_constant
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
-from .._system.waves import Waves
+from .._system.waves import Tones, Waves
 from .switching import Laws, laws_of
 from .tables import KnotsLayout, TableNumbers, tables_of
 
@@ -43,8 +43,8 @@ class MachineNumbers(eqx.Module):
         stiffness: K, (n, n).
         mean: mean of the load, (n,).
         waves: harmonics of the load, (harmonics, n), padded with zero amplitudes, see `num_harmonics`.
-        frequency: W, ().
-        highest: the highest harmonic of the load and of the motions of the stops, ().
+        frequency: W, by which periods are counted, ().
+        highest: the highest harmonic of the load and of the motions of the stops, (); with `tones` that of each, (tones,).
         rows: A, what each contact bears on, (contacts, n): 1 for the mass of an upper stop, -1 for that of a lower one.
         limit: s, in the mean where it moves, (contacts,).
         restitution: the law r(u), (contacts,).
@@ -57,6 +57,7 @@ class MachineNumbers(eqx.Module):
         num_states: number of last coordinates whose positions stay 0, the stretches of Jenkins elements among them.
         tables: loads by tables; None if there are none.
         base: the part of the load that a moving base makes; None where nothing depends on it.
+        tones: frequencies of the rows of `waves` where they have several, the first of them W; None where all have W.
     """
 
     mass: Reals
@@ -76,6 +77,7 @@ class MachineNumbers(eqx.Module):
     num_states: int = eqx.field(static=True, default=0)
     tables: tuple[TableNumbers, ...] | None = None
     base: BaseLoad | None = None
+    tones: Tones | None = None
 
     @property
     def num_columns(self) -> int:
@@ -120,8 +122,7 @@ class MachineNumbers(eqx.Module):
 
 def numbers_of(system: ImpactSystem) -> MachineNumbers:
     """Numbers of a machine, its force bound to its `args`; leaves may have lanes as last axis."""
-    num_lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
-    forcing, stops, is_coupled = system.forcing, system.stops, system.is_coupled
+    size, stops, is_coupled = num_harmonics(system), system.stops, system.is_coupled
     zero = 0 * system.stiffness[0, 0]
 
     def of_contacts(values: list) -> Reals:
@@ -138,8 +139,8 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         stiffness=stiffness,
         mean=mean,
         waves=waves,
-        frequency=forcing.clock,
-        highest=np.full([1] * num_lane_axes, _highest(system), zero.dtype),
+        frequency=system.forcing.clock,
+        highest=_highest_of_load(system, zero),
         rows=_rows(system),
         limit=of_contacts([stop.sign * stop.centre for stop in stops] + none),
         restitution=restitution_of_contacts(restitutions + [one for _ in none], zero),
@@ -149,6 +150,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         laws=laws_of(system, of_contacts),
         num_states=system.num_states + more,
         tables=_tables(system, more),
+        tones=tones_of(system),
     )
 
 
@@ -171,47 +173,90 @@ def _tables(system: ImpactSystem, more: int) -> tuple[TableNumbers, ...] | None:
 
 def with_base(numbers: MachineNumbers, system: ImpactSystem) -> MachineNumbers:
     """Numbers of a machine with the part of the load that a moving base makes."""
-    lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
-    none = np.zeros((1, system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)
-    waves, tables = [Waves(none, none).padded(size)], []
-    for load in system.forcing.loads:
-        if not isinstance(load, Harmonic):
-            tables.append(load.from_base)
-        elif load.from_base:
-            waves.append(load.waves(lane_axes).padded(size))
-    base = BaseLoad(jax.tree.map(lambda *parts: add_up(parts), *waves), tuple(tables))
+    tables = tuple(load.from_base for load in system.forcing.loads if not isinstance(load, Harmonic))
+    base = BaseLoad(_waves_of(system, of_base=True), tables)
     return eqx.tree_at(lambda n: n.base, numbers, base, is_leaf=lambda leaf: leaf is None)
 
 
 def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:
     """Mean of the load, and its harmonics, padded."""
-    lane_axes, forcing, size = system.stiffness.ndim - 2, system.forcing, num_harmonics(system)
+    lane_axes, forcing = system.stiffness.ndim - 2, system.forcing
     if isinstance(forcing, Harmonic):
-        return forcing.mean, forcing.waves(lane_axes).padded(size)
-    none = np.zeros((system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)
-    means: list[Reals] = [none]
-    waves = [Waves(none[None], none[None]).padded(size)]
+        return forcing.mean, forcing.waves(lane_axes).padded(num_harmonics(system))
+    means: list[Reals] = [np.zeros((system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)]
     for load in forcing.loads:
-        if not isinstance(load, Harmonic):
-            continue
-        means.append(load.mean)
-        own = load.waves(lane_axes)
-        if is_constant(load):
-            means.append(add_up(own.cosine))
-        else:
-            waves.append(own.padded(size))
-    return add_up(means), jax.tree.map(lambda *parts: add_up(parts), *waves)
+        if isinstance(load, Harmonic):
+            means.append(load.mean)
+            if is_constant(load):
+                means.append(add_up(load.waves(lane_axes).cosine))
+    return add_up(means), _waves_of(system)
+
+
+def _waves_of(system: ImpactSystem, *, of_base: bool = False) -> Waves:
+    """Harmonics of a load, padded; of the part of it that a moving base makes."""
+    lane_axes = system.stiffness.ndim - 2
+    none = np.zeros((1, system.stiffness.shape[0], *[1] * lane_axes), system.stiffness.dtype)
+    loads, counts = _turning(system), _counts(system)
+    if len(counts) == 1:
+        counts = counts * len(loads)
+    rows = [
+        (Waves(none, none) if of_base and not load.from_base else load.waves(lane_axes)).padded(count)
+        for load, count in zip(loads, counts, strict=True)
+    ]
+    if tones_of(system) is None:
+        start = Waves(none, none).padded(num_harmonics(system))
+        return jax.tree.map(lambda *parts: add_up(parts), start, *rows)
+    return jax.tree.map(_one_behind_another, *rows)
+
+
+def _one_behind_another(*waves: Reals) -> Reals:
+    library = array_namespace(*waves)
+    lanes = np.broadcast_shapes(*(a.shape[2:] for a in waves))
+    return library.concatenate([library.broadcast_to(a, (*a.shape[:2], *lanes)) for a in waves])
+
+
+def _turning(system: ImpactSystem) -> list[Harmonic]:
+    """Harmonics of a load that are not constant; those of one load whatever it is."""
+    loads = system.forcing.loads
+    if len(loads) == 1:
+        return [load for load in loads if isinstance(load, Harmonic)]
+    return [load for load in loads if isinstance(load, Harmonic) and not is_constant(load)]
+
+
+def tones_of(system: ImpactSystem) -> Tones | None:
+    """Frequencies of the harmonics of a load where each has its own, the first that of the machine; None elsewhere."""
+    loads = _turning(system)
+    if len(loads) < 2 or not system.forcing.why_not_periodic:
+        return None
+    return Tones(stack([load.frequency for load in loads]), _counts(system))
+
+
+def _counts(system: ImpactSystem) -> tuple[int, ...]:
+    """Numbers of harmonics of each frequency after padding: the next power of two."""
+    return tuple(1 << (highest - 1).bit_length() for highest in _highest(system))
 
 
 def num_harmonics(system: ImpactSystem) -> int:
-    """Number of harmonics after padding: the next power of two; lanes may stand last."""
-    return 1 << (_highest(system) - 1).bit_length()
+    """Number of harmonics of all frequencies after padding; lanes may stand last."""
+    return sum(_counts(system))
 
 
-def _highest(system: ImpactSystem) -> int:
+def _highest(system: ImpactSystem) -> list[int]:
+    """Highest harmonic of each frequency."""
+    lane_axes = system.stiffness.ndim - 2
+    turning = _turning(system)
+    if len(turning) > 1 and system.forcing.why_not_periodic:
+        return [load.num_harmonics(lane_axes) for load in turning]
     loads = [load for load in system.forcing.loads if isinstance(load, Harmonic)]
     moving = [*loads, *(stop.motion for stop in system.stops if stop.motion is not None)]
-    return max((harmonic.num_harmonics(system.stiffness.ndim - 2) for harmonic in moving), default=1)
+    return [max((harmonic.num_harmonics(lane_axes) for harmonic in moving), default=1)]
+
+
+def _highest_of_load(system: ImpactSystem, like: Reals) -> Reals:
+    highest, lanes = _highest(system), [1] * (system.stiffness.ndim - 2)
+    if len(highest) == 1:
+        return np.full(lanes, highest[0], like.dtype)
+    return np.array(highest, like.dtype).reshape(-1, *lanes)
 
 
 def _rows(system: ImpactSystem) -> Reals:

@@ -24,6 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import Flag, Reals, Scalar, add_up, array_namespace, stack
 from .._system.system import ImpactSystem
 from .._system.tabulated import Tabulated, Waveform
+from .turns import Turns
 
 
 class TableNumbers(eqx.Module):
@@ -129,6 +130,7 @@ class Stream(eqx.Module):
         knots: times at which rows begin, or phases of a wave form, (rows, ...).
         frequency: angular frequency of a wave form; None of a table in time.
         is_in_step: whether it begins anew with each forcing period.
+        turns: its turns in a forcing period; None of a table in time, and of one that is in step.
     """
 
     starts: Float[Array, "rows ..."]
@@ -138,6 +140,7 @@ class Stream(eqx.Module):
     knots: Float[Array, "rows ..."]
     frequency: Scalar | None
     is_in_step: bool = eqx.field(static=True)
+    turns: Turns | None = None
 
     @property
     def _bits(self) -> int:
@@ -161,6 +164,18 @@ class Stream(eqx.Module):
     def start(self, passed: Int[Array, "..."]) -> Scalar:
         """Time at which the row of a place begins."""
         return row_at(self.starts, self.row(passed)) + (passed >> self._bits) * self.turn
+
+    def start_in_period(
+        self, passed: Int[Array, "..."], periods: Int[Array, "..."], elapsed: Scalar
+    ) -> Scalar:
+        """Time at which the row of a place begins, since the beginning of a forcing period; `elapsed` is the time of all before."""
+        if self.is_in_step:
+            return self.start(passed)
+        if self.turns is None:
+            return self.start(passed) - elapsed
+        whole, rest = self.turns.in_periods(periods)
+        ahead = ((passed >> self._bits) - whole) - rest
+        return row_at(self.starts, self.row(passed)) + ahead * self.turn
 
     def place_at(self, t: Scalar, origin: Scalar) -> tuple[Int[Array, "..."], Float[Array, "orders n ..."]]:
         """Place at a time, and derivatives of the load there; `origin` is the beginning of the trajectory."""
@@ -259,19 +274,22 @@ class Tables(eqx.Module):
         """Bound of a derivative of the load, (n, ...)."""
         return self.bounds[order] if order < len(self.bounds) else 0 * self.bounds[0]
 
-    def until(self, knots: Knots, elapsed: Scalar, time: Scalar, low: Scalar) -> Float[Array, "streams ..."]:
+    def until(
+        self, knots: Knots, periods: Int[Array, "..."], elapsed: Scalar, time: Scalar, low: Scalar
+    ) -> Float[Array, "streams ..."]:
         """Time to the next knot of each table.
 
         Args:
             knots: the places.
-            elapsed: time of all whole forcing periods since the beginning of the trajectory.
+            periods: whole forcing periods since the beginning of the trajectory.
+            elapsed: time of all of them.
             time: time since then.
             low: its low part.
         """
         times = []
         for k, stream in enumerate(self.streams):
-            then = stream.start(stream.following(knots.passed[k]))
-            times.append(((then if stream.is_in_step else then - elapsed) - time) - low)
+            then = stream.start_in_period(stream.following(knots.passed[k]), periods, elapsed)
+            times.append((then - time) - low)
         return stack(times)
 
     def past(
@@ -363,4 +381,7 @@ def _stream(numbers: TableNumbers, origin: Scalar, clock: Scalar) -> Stream:
     begin = angle - 2 * jnp.pi * jnp.floor(angle / (2 * jnp.pi))
     scales = jnp.stack([frequency**k for k in range(rows.shape[1])])[None, :, None]
     starts = (knots - begin[None]) / frequency[None]
-    return Stream(starts, rows * scales, count, 2 * jnp.pi / frequency, knots, frequency, numbers.is_in_step)
+    turns = None if numbers.is_in_step else Turns.of(frequency, clock)
+    return Stream(
+        starts, rows * scales, count, 2 * jnp.pi / frequency, knots, frequency, numbers.is_in_step, turns
+    )

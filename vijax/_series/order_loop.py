@@ -8,7 +8,7 @@ lanes: most products are of zeros.
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -145,6 +145,7 @@ class _OneOrder(Read):
     """Coefficients of order 0, those of order k so far, and sums over the orders between."""
 
     fresh = None
+    at_knot: ClassVar[dict] = {}  # powers begin at order 0
 
     def __init__(
         self,

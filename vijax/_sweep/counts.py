@@ -76,8 +76,10 @@ def _work(system: Any, duration: float) -> int:
     stiffness, mass = np.asarray(system.stiffness), np.asarray(system.mass)
     diagonal = np.diag(mass) if system.has_full_mass else mass
     natural = np.sqrt(max(np.abs(stiffness).max(initial=0), 0) / diagonal.min()) if mass.size else 0.0
-    rate = max(float(natural), float(np.max(system.forcing.clock)))
-    knots = sum(_knots_passed(load, duration, system.forcing.clock) for load in system.forcing.loads)
+    clock, loads = system.forcing.clock, system.forcing.loads
+    rates = [float(np.max(clock if load.frequency is None else load.frequency)) for load in loads]
+    rate = max(float(natural), *rates)
+    knots = sum(_knots_passed(load, duration, clock) for load in loads)
     return int(min(duration * rate / (2 * np.pi) + knots / _KNOTS, 1e9)) + 1
 
 

@@ -11,7 +11,6 @@ from jaxtyping import Array, Float
 
 from .._jax.arrays import Reals
 from .._jax.concrete import concrete
-from .._jax.errors import checked
 from .._printing import as_html, as_text, describe_loads
 from .checks import NOT_NEGATIVE, Rule, check_number
 
@@ -28,11 +27,17 @@ class AbstractLoad(eqx.Module):
 
     @property
     def period(self) -> Float[Array, "..."]:
-        """Period of the load, 2 pi / W."""
+        """Period of the load, 2 pi / W.
+
+        Raises:
+            ValueError: if it has none.
+        """
         if self.frequency is None:
             raise ValueError(
                 "Loads of a sum and motions of stops have the frequency of the whole load: ask for `forcing.period` of the machine."
             )
+        if self.why_not_periodic:
+            raise ValueError(self.why_not_periodic)
         return 2 * jnp.pi / self.frequency
 
     @property
@@ -91,7 +96,8 @@ class LoadSum(AbstractLoad):
     """Sum of loads, made by `+`.
 
     Loads of one frequency share it: it is `frequency` of the sum, and a change there moves all of them. Constant loads,
-    harmonics of frequency 0, have none. Sums of other loads have no period.
+    harmonics of frequency 0, have none. Sums of other loads have no period: each load keeps its frequency, also if another
+    has the same one.
 
     Attributes:
         parts: the loads, without those that are sums themselves.
@@ -194,16 +200,9 @@ def _with_frequency(load: AbstractLoad, frequency: Any) -> AbstractLoad:
 def _sharing_frequency(parts: list[AbstractLoad]) -> tuple[tuple[AbstractLoad, ...], Any]:
     """Loads without the frequency that all share, and that frequency; None if there is none.
 
-    Traced frequencies are taken for equal, and the program raises where they are not.
+    Of traced frequencies only one and the same is known to be equal.
     """
     turning = [part for part in parts if not is_constant(part)]
-    waves = [part for part in turning if part.has_waves]
-    if waves:
-        (frequency,) = _common(waves)[:1] or (None,)
-        if frequency is None:
-            raise ValueError(
-                "Harmonics of a sum must have one frequency. Write a load of several frequencies as `force` of the machine."
-            )
     found = _common(turning) if turning and not any(part.why_not_periodic for part in turning) else []
     if not found:
         return tuple(parts), None
@@ -221,14 +220,8 @@ def _common(loads: list[AbstractLoad]) -> list[Any]:
     """The frequency that all loads have, or nothing."""
     first, *others = (load.frequency for load in loads)
     for other in others:
-        if other is first:
-            continue
-        differs = first != other
-        known = concrete(differs)
-        if known is not None and known.any():
-            return []
-        if known is None:
-            first = checked(
-                first, differs.astype(int), ("", f"Traced frequencies must be equal: {_DIFFERENT}")
-            )
+        if other is not first:
+            differs = concrete(first != other)
+            if differs is None or differs.any():
+                return []
     return [first]

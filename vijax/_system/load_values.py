@@ -12,16 +12,19 @@ _SAMPLES, _NOTHING = 512, 1e-9
 
 
 def load_at(load: Any, at: np.ndarray, frequency: float) -> np.ndarray:
-    """Load at some instants, (instants, n)."""
+    """Load at some instants, (instants, n), in periods of `frequency`; that of a load of another frequency too."""
+    turns_of_period = 1.0
+    if load.frequency is not None and frequency > 0 and not isinstance(load, Tabulated):
+        turns_of_period = float(load.frequency) / frequency
     if isinstance(load, Harmonic):
         waves = load.waves()
         values = np.asarray(load.mean) + np.zeros((len(at), 1))
         for h, (cosine, sine) in enumerate(zip(waves.cosine, waves.sine, strict=True), start=1):
-            turns = 2 * np.pi * h * at[:, None] * (1 if _is_turning(load) else 0)
+            turns = 2 * np.pi * h * at[:, None] * (turns_of_period if _is_turning(load) else 0)
             values = values + np.cos(turns) * np.asarray(cosine) + np.sin(turns) * np.asarray(sine)
         return values
     if isinstance(load, Waveform):
-        knots, where = np.asarray(load.phases), 2 * np.pi * (at % 1)
+        knots, where = np.asarray(load.phases), 2 * np.pi * (at * turns_of_period % 1)
         where = np.where(where < knots[0], where + 2 * np.pi, where)
     else:
         knots, where = np.asarray(load.times), at * (2 * np.pi / frequency if frequency > 0 else 1.0)

@@ -1,7 +1,8 @@
 """Fourier series of a load, of the motion of a stop, of the response to them.
 
 All series of a machine share its frequency W, and are evaluated at the same phase: cosine and sine of h W t for every
-harmonic h = 1, 2, ..., which are computed once and then rotated. A series is linear in the phase. So one sum
+harmonic h = 1, 2, ..., which are computed once and then rotated. Under a load of several frequencies the harmonics of each
+follow those of the one before, see `Tones`. A series is linear in the phase. So one sum
 suffices: at a phase it is the value, at `phase_rate` the derivative, at the change of the phase in a step the change
 of the value, to full relative accuracy however short the step.
 
@@ -12,6 +13,35 @@ import equinox as eqx
 import numpy as np
 
 from .._jax.arrays import Reals, add_up, append_axes, array_namespace, stack
+
+
+class Tones(eqx.Module):
+    """Angular frequencies of the rows of a series that has harmonics of several frequencies.
+
+    It stands where one frequency W of all rows may stand.
+
+    Attributes:
+        frequencies: the fundamental frequencies, (tones, ...), lanes last.
+        counts: number of harmonics of each.
+    """
+
+    frequencies: Reals
+    counts: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def orders(self) -> np.ndarray:
+        """Order h of every row, (harmonics,)."""
+        return np.concatenate([np.arange(1, count + 1) for count in self.counts])
+
+    @property
+    def speeds(self) -> Reals:
+        """Angular frequencies h W of all rows, (harmonics, ...)."""
+        return self.of_rows(self.frequencies)
+
+    def of_rows(self, of_tones: Reals) -> Reals:
+        """Multiples by the order of each row, (harmonics, ...), from one number for each tone."""
+        orders = self.orders.reshape(-1, *[1] * (np.ndim(of_tones) - 1))
+        return orders * of_tones[np.repeat(np.arange(len(self.counts)), self.counts)]
 
 
 class Waves(eqx.Module):
@@ -30,8 +60,10 @@ class Waves(eqx.Module):
         """Number of harmonics."""
         return len(self.cosine)
 
-    def speeds(self, frequency: Reals) -> Reals:
+    def speeds(self, frequency: Reals | Tones) -> Reals:
         """Angular frequencies of all harmonics, (harmonics, 1)."""
+        if isinstance(frequency, Tones):
+            return frequency.speeds[:, None]
         return _orders(self.num_harmonics, self.cosine) * frequency
 
     def at(self, phase: Reals) -> Reals:
@@ -53,6 +85,12 @@ class Waves(eqx.Module):
         size = abs(self.cosine) + abs(self.sine)
         return add_up(size * _orders(self.num_harmonics, size) ** order)
 
+    def rate_bound(self, order: int, frequency: Reals | Tones) -> Reals:
+        """Bound of a time derivative of the sum, of some order."""
+        if not isinstance(frequency, Tones):
+            return frequency**order * self.bound(order)
+        return add_up((abs(self.cosine) + abs(self.sine)) * self.speeds(frequency) ** order)
+
     def rounded(self, angle: Reals, order: int = 0) -> Reals:
         """Bound that sets the rounding error at an angle, which is itself rounded."""
         return self.bound(order) + abs(angle) * self.bound(order + 1)
@@ -69,14 +107,20 @@ class Waves(eqx.Module):
 
 def phase_at(angle: Reals, num_harmonics: int) -> Reals:
     """Phase at an angle W t of any shape: (2, harmonics) and then that shape."""
-    angles = _orders(num_harmonics, angle, axes=1) * angle
+    return phase_of(_orders(num_harmonics, angle, axes=1) * angle)
+
+
+def phase_of(angles: Reals) -> Reals:
+    """Phase at the angles of all harmonics, (harmonics, ...)."""
     library = array_namespace(angles)
     return library.stack([library.cos(angles), library.sin(angles)])
 
 
-def phase_rate(phase: Reals, frequency: Reals) -> Reals:
+def phase_rate(phase: Reals, frequency: Reals | Tones) -> Reals:
     """Time derivative of a phase, at which a series gives its own; derivative by the angle if `frequency` is 1."""
-    if np.ndim(phase) == 2:  # fewer operations; a kernel of many lanes is slower by it
+    if np.ndim(phase) == 2 and not isinstance(
+        frequency, Tones
+    ):  # fewer operations; a kernel of many lanes is slower by it
         orders = _orders(len(phase[0]), phase[0])
         return np.stack([-orders, orders]) * frequency * phase[::-1]
     speed = speeds(phase, frequency)
@@ -89,8 +133,10 @@ def turned(phase: Reals, by: Reals) -> Reals:
     return stack([turn * cos - slide * sin, turn * sin + slide * cos])
 
 
-def speeds(phase: Reals, frequency: Reals) -> Reals:
+def speeds(phase: Reals, frequency: Reals | Tones) -> Reals:
     """Angular frequencies h W of all harmonics, shaped to multiply cosines or sines of a phase."""
+    if isinstance(frequency, Tones):
+        return frequency.speeds
     return _orders(len(phase[0]), phase[0]) * frequency
 
 

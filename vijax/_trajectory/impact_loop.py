@@ -23,7 +23,7 @@ from .._machine.machine import (
     prepare,
 )
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, start_period
+from .._machine.state import State
 from .loop import is_finite
 from .solution import RESULTS
 from .step import flight_to, initial_state, outcome
@@ -113,7 +113,7 @@ class _Task(AbstractTask):
         after, instant = outcome(self.machine, flight)
         # An impact at the start does not count.
         is_later = (state.periods > 0) | (instant.time > 0)
-        after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
+        after = self.machine.start_period(after, self.phase0, instant.arrived & ~is_last_period)
         finite = is_finite(after)
         return _Carry(
             state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),

@@ -11,7 +11,7 @@ from .._jax.arrays import Reals, array_namespace
 from .._jax.xla import AbstractTask, compile_lightly, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, start_period
+from .._machine.state import State
 from .loop import is_finite, run_without_derivatives
 from .one_call import empty_progress
 from .solution import RESULTS
@@ -86,7 +86,10 @@ class _Task(AbstractTask):
         is_counted = live & instant.arrived & (number >= 0)
         is_ours = is_counted & (jnp.arange(BLOCKS) == number * BLOCKS // jnp.maximum(self.num_periods, 1))
         finite = is_finite(after)
-        moved = start_period(after, self.phase0, instant.arrived), tangents.start_period(instant.arrived)
+        moved = (
+            self.machine.start_period(after, self.phase0, instant.arrived),
+            tangents.start_period(instant.arrived),
+        )
         state, kept = jax.tree.map(lambda new, old: jnp.where(live, new, old), moved, (state, carry.tangents))
         return Growth(
             state=state,

@@ -145,7 +145,7 @@ class RecordedFlow(AbstractFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Evaluate the flow map, or take the step again."""
         if self.flow.flow_map_reaches_far and machine.tables is None:
-            angle = speeds(state.phase, machine.frequency) * step
+            angle = speeds(state.phase, machine.pace) * step
             change = turned(state.phase, (-2 * jnp.sin(angle / 2) ** 2, jnp.sin(angle)))
             displacement, gain = self.flow.flow_map(machine, state, hold, step, change)
             v = state.v + gain

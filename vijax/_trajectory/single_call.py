@@ -1,6 +1,7 @@
 """Trajectories in one call, with room for the whole request: differentiable, alone or batched."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -23,6 +24,7 @@ from .loop import (
     LoopTask,
     finish,
     prepare_loop,
+    result_of,
     run_prepared,
     steps_fit_one_kernel,
 )
@@ -126,9 +128,9 @@ def run_for_log(
     """Follow a trajectory without derivatives; its log, result code and end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
     task, carry = prepare_loop(numbers, flow, request, choices)
+    task = replace(task, watches_grazing=False)
     last = while_any(task, in_lanes_of(request.x0, carry))
-    solution = finish(task, last, request, choices)
-    return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
+    return last.log, result_of(task, last, request), jnp.concatenate(task.machine.in_space(last.state))
 
 
 def run_with_jacobian(
@@ -141,6 +143,7 @@ def run_with_jacobian(
         x0, v0 = jnp.split(z, 2)
         own = request._replace(x0=x0, v0=v0)
         task, carry = prepare_loop(numbers, flow, own, choices)
+        task = replace(task, watches_grazing=False)
         last = while_any(_WithoutRecords(task), in_lanes_of(z, carry))
         solution = finish(task, last, own, choices)
         return jnp.concatenate([solution.x1, solution.v1]), (solution, last.log)
@@ -158,6 +161,6 @@ class _WithoutRecords(AbstractTask):
         return self.task.is_live(carry)
 
     def step(self, carry: Carry) -> Carry:
-        records = lambda carry: (carry.log, carry.xs, carry.vs, carry.grazing)  # noqa: E731
+        records = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
         after = self.task.step(carry)
         return eqx.tree_at(records, after, jax.lax.stop_gradient(records(after)))

@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._jax.arrays import Reals
 from ..._machine.machine import Machine
-from ..._machine.numbers import harmonic_load_of
+from ..._machine.numbers import harmonic_load_of, tones_of
 from ..._machine.switching import COMPLIANT, SwitchingContacts
 from ..._system.compliant import CompliantContact, CompliantStop
 from ..._system.force import name_of_force, whole_force
@@ -19,7 +20,7 @@ from ..._system.restitution import (
     restitution_of_contacts,
 )
 from ..._system.system import AnyStop, ImpactSystem
-from ..._system.waves import Waves
+from ..._system.waves import Tones, Waves
 from ..._trajectory.solution import Solution
 from ...models._nonlinear import PendulumWeight
 from ...plot._contacts import masses_of_stops
@@ -44,6 +45,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         mean,
         waves=waves,
         frequency=float(system.forcing.clock),
+        speeds=_speeds(waves, system.forcing.clock, tones_of(system)),
         rows=rows,
         masses=masses_of_stops(system),
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
@@ -140,6 +142,7 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         mean,
         waves=jax.tree.map(lambda a: a[:, :n], _load_in_space(machine)),
         frequency=float(machine.frequency),
+        speeds=_speeds(machine.waves, machine.frequency, machine.tones),
         rows=rows[:num_stops],
         masses=contacts.masses[:num_stops],
         limit=np.asarray(contacts.limit)[:num_stops],
@@ -181,6 +184,11 @@ def _drawn(
     if num_sliders:
         names.append("one Jenkins element" if num_sliders == 1 else f"{num_sliders} Jenkins elements")
     return [(a + a.T) / 2 for a in between], f"not drawn: {', '.join(names)}" if names else ""
+
+
+def _speeds(waves: Waves, frequency: Reals, tones: Tones | None) -> np.ndarray:
+    """Angular frequencies of the harmonics of a load, (harmonics,)."""
+    return np.asarray(waves.speeds(frequency if tones is None else tones))[:, 0]
 
 
 def _load_in_space(machine: Machine) -> Waves:

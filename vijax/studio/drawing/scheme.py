@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..._system.waves import Waves
+from ..._system.waves import Waves, phase_of
 from ...plot._contacts import in_symbols, name_of
 from .canvas import Positive
 
@@ -82,7 +82,8 @@ class Scheme(NamedTuple):
         damping: likewise, (n, n).
         mean: mean load, (n,).
         waves: harmonics of the load, (harmonics, n).
-        frequency: W.
+        frequency: W, that of moving stops.
+        speeds: angular frequencies of the harmonics, (harmonics,).
         rows: coefficients of stops and contacts, positive towards them, (stops, n).
         masses: the mass of each stop, -1 for a contact.
         limit: where they stand along their rows in the mean, (stops,).
@@ -107,6 +108,7 @@ class Scheme(NamedTuple):
     mean: np.ndarray
     waves: Waves
     frequency: float
+    speeds: np.ndarray
     rows: np.ndarray
     masses: tuple[int, ...]
     limit: np.ndarray
@@ -261,7 +263,7 @@ class Scheme(NamedTuple):
 
     def load_at(self, t: float) -> np.ndarray:
         """The load on every mass at a time, (n,)."""
-        load = self.mean + self.waves.at_angle(self.frequency * t)
+        load = self.mean + self.waves.at(phase_of(self.speeds * t))
         return load if self.of_tables is None else load + self.of_tables(t)
 
     @property
@@ -280,14 +282,14 @@ class Scheme(NamedTuple):
         if abs(self.mean[mass]) + self.largest_varying_load[mass] <= NOTHING * self.largest_load:
             return ""
         terms = [] if self.mean[mass] == 0 else [_signed(float(self.mean[mass]))]
-        for h, (cosine, sine) in enumerate(
-            zip(self.waves.cosine[:, mass], self.waves.sine[:, mass], strict=True), 1
+        for speed, cosine, sine in zip(
+            self.speeds, self.waves.cosine[:, mass], self.waves.sine[:, mass], strict=True
         ):
             size, phase = float(np.hypot(cosine, sine)), float(np.arctan2(-sine, cosine))
             if size > NOTHING * self.largest_load:
                 at_pi = abs(phase) > np.pi - NOTHING
                 shift = "" if at_pi or abs(phase) < NOTHING else f" {_signed(phase)}"
-                angle = rf"{_factor(h * self.frequency)}t{shift}"
+                angle = rf"{_factor(speed)}t{shift}"
                 sign = "-" if at_pi else "+"
                 terms.append(rf"{sign} {_factor(size)}\cos({angle})")
         if self.largest_of_tables is not None and self.largest_of_tables[mass] > 0:
