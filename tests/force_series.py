@@ -9,6 +9,7 @@ import mpmath
 import numpy as np
 
 from vijax._series.modes import decide, num_rounds
+from vijax._series.order_loop import first_sums, one_order
 from vijax._series.plan import plan_force
 from vijax._series.series import Series, series_of
 from vijax._system.force import as_force, bind_args
@@ -39,6 +40,21 @@ def motion(plan, force, t, x, v, order, modes=()):
         xs.append(vs[k] / (k + 1))
         vs.append(series.force(k) / (k + 1))
     return xs, vs, series
+
+
+def by_loop(plan, force, t, x, v, order, modes=()):
+    """Coefficients of a motion of unit masses, and from order 1 on of the derivatives of its force, by a loop."""
+    start = series_of(plan, force, t, like=x, modes=modes).extend(x, v)
+
+    def one(carry, k):
+        sums, x, v = carry
+        own = one_order(start, k, sums, x, v)
+        entries = {"x": own.by_x(k), "v": own.by_v(k)} if plan.has_jacobian else {}
+        return (own.sums, v / (k + 1), own.force(k) / (k + 1)), (x, entries)
+
+    begin = first_sums(plan, order, x), v, start.force(0)
+    _, (later, entries) = jax.lax.scan(one, begin, jnp.arange(1.0, order))
+    return jnp.concatenate([x[None], later]), entries
 
 
 def first_modes(plan, force, t, x, v):

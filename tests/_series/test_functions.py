@@ -5,9 +5,11 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from force_series import exact, of_time, sizes
+from force_series import bound, by_loop, exact, motion, of_time, sizes
 from jax import lax
 from jax.scipy.special import erf, erfc, erfinv
+
+from vijax._series.plan import plan_force
 
 ORDER = 14
 # Rounding errors grow with the number of terms: a few units in the last place for an order each.
@@ -106,3 +108,23 @@ def test_functions_of_functions_are_exact(name):
     found = of_time(lambda t: function(place * (1 + 0.001 * jnp.sin(t))), 0.4, ORDER)
     part = mpmath.mpf(0.001)
     check(found, lambda t, factor: reference(factor * mpmath.mpf(place) * (1 + part * mpmath.sin(t))), 0.4, 1)
+
+
+@pytest.mark.thorough
+def test_every_function_has_its_coefficients_in_a_loop_over_the_orders():
+    names = [*FUNCTIONS]
+    places = jnp.array([float(FUNCTIONS[name][2][1]) for name in names])
+
+    def force(t, x, v, args):
+        at = [place * (1 + 0.001 * jnp.sin(t + x[j])) for j, place in enumerate(places)]
+        return jnp.stack([FUNCTIONS[name][0](a) for name, a in zip(names, at, strict=True)])
+
+    n = len(names)
+    own = bound(force, n)
+    plan = plan_force(own, n)
+    order, t, x, v = 8, jnp.float64(0.4), jnp.linspace(-0.2, 0.2, n), jnp.linspace(0.3, 0.1, n)
+    wanted, _, _ = motion(plan, own, t, x, v, order)
+    found, _ = by_loop(plan, own, t, x, v, order)
+    wanted = np.stack(wanted[:order])
+    sizes = np.maximum.accumulate(np.abs(wanted[::-1]))[::-1]
+    assert np.all(np.abs(found - wanted) <= 30 * ROUNDING * sizes)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from force_series import bound, entries, first_modes, motion, nested
+from force_series import bound, by_loop, entries, first_modes, motion, nested
 from jax.scipy.special import erf
 
 from vijax._series.plan import plan_force
@@ -78,6 +78,28 @@ def test_the_motion_and_the_jacobian_have_the_series_of_nested_derivatives(force
         np.testing.assert_allclose(xs[:ORDER], positions(t, x, v), rtol=0, atol=ROUNDING * _size(xs))
         found = np.array([entries(series, k, n) for k in range(ORDER)])
         np.testing.assert_allclose(found, matrices(t, x, v), rtol=0, atol=10 * ROUNDING * _size(found))
+
+
+@pytest.mark.parametrize("order", [2, 5, 11, 16])
+@pytest.mark.parametrize(
+    "force", [duffing, chain, pieces, pytest.param(functions, marks=pytest.mark.thorough)]
+)
+def test_the_loop_has_the_coefficients_that_are_written_out(force, order):
+    force = bound(force, 2, np.array([0.7, 1.1, 0.4]))
+    plan = plan_force(force, 2, jacobian=True)
+    rng = np.random.default_rng(order)
+    t, x, v = jnp.float64(rng.uniform(0, 3)), *map(jnp.asarray, rng.uniform(-0.6, 0.6, (2, 2)))
+    modes = first_modes(plan, force, t, x, v)
+    xs, _, series = motion(plan, force, t, x, v, order, modes)
+    found, entries = by_loop(plan, force, t, x, v, order, modes)
+    np.testing.assert_allclose(found, xs[:order], rtol=2 * ROUNDING, atol=0.2 * ROUNDING)
+    for k in range(1, order):
+        for name, wanted in (("x", series.by_x(k)), ("v", series.by_v(k))):
+            assert {at for at in wanted if np.any(wanted[at] != 0)} <= set(entries[name])
+            for at, values in entries[name].items():
+                np.testing.assert_allclose(
+                    values[k - 1], wanted.get(at, 0), rtol=20 * ROUNDING, atol=20 * ROUNDING
+                )
 
 
 def _size(arrays):

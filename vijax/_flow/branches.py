@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool
 from .._jax.arrays import Flag, Scalar, smallest
 from .._jax.xla import is_any
 from .._series.modes import bounds_of_mode, decide, next_knot, num_rounds
+from .._series.order_loop import LoopSeries
 from .._series.plan import Plan
 from .._series.series import Series
 from .first_zero import first_zero
@@ -91,7 +92,9 @@ def is_entering(memory: BranchMemory) -> Flag:
     return found
 
 
-def modes_now(plan: Plan, memory: BranchMemory, series_with: Callable[[tuple], Series]) -> tuple[Scalar, ...]:
+def modes_now(
+    plan: Plan, memory: BranchMemory, series_with: Callable[[tuple], Series | LoopSeries]
+) -> tuple[Scalar, ...]:
     """Modes of the branches in force, decided where they are unknown.
 
     Args:
@@ -112,7 +115,7 @@ def modes_now(plan: Plan, memory: BranchMemory, series_with: Callable[[tuple], S
 
 
 def branches_ahead(
-    series: Series, modes: tuple[Scalar, ...], memory: BranchMemory, limit: Scalar
+    series: Series | LoopSeries, modes: tuple[Scalar, ...], memory: BranchMemory, limit: Scalar
 ) -> Branches:
     """Branches in a step of at most `limit`, and the first change in it; a constant."""
     times, sides, polynomials, fresh = {}, [], [], []
@@ -146,7 +149,7 @@ def branches_ahead(
     return Branches(modes, until, tuple(changes), tuple(steps))
 
 
-def _distances(series: Series, s: int, mode: Scalar) -> list[tuple[int, list[Array]]]:
+def _distances(series: Series | LoopSeries, s: int, mode: Scalar) -> list[tuple[int, list[Array]]]:
     """Coefficients of the distances to the knots above (1) and below (-1) a mode; one where there is none."""
     guard, found = [series.guard(s, k) for k in range(len(series))], []
     low, high = bounds_of_mode(series, s, mode)
@@ -157,7 +160,9 @@ def _distances(series: Series, s: int, mode: Scalar) -> list[tuple[int, list[Arr
     return found
 
 
-def changes_at(series: Series, modes: tuple[Scalar, ...], step: Scalar) -> tuple[Branches, Scalar]:
+def changes_at(
+    series: Series | LoopSeries, modes: tuple[Scalar, ...], step: Scalar
+) -> tuple[Branches, Scalar]:
     """Changes at the end of a step that ended on one, and a zero with the derivatives of the time of them.
 
     Changes at one instant move together, or the force does not jump.

@@ -15,7 +15,7 @@ from .force_plan import plan_of
 from .taylor import TaylorFlow
 
 # Operations of all coefficients, written out, beyond which a program takes too long to compile.
-_MOST_OPERATIONS = 10_000
+_MOST_OPERATIONS = 40_000
 # Share of the tolerance where powers begin and end: close to these the steps shrink, and all err to the same side.
 _OF_POWERS, _LEAST = 1e-2, 1e-15
 

@@ -20,13 +20,16 @@ from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State, with_memory
+from .._series.order_loop import LoopSeries
 from .._series.plan import Plan
 from .._series.series import Series, force_at
 from .branches import DECIDING, Branches, branches_ahead, changes_at, modes_now, unknown_branches
 from .exact_step import ExpandingFlow, flight_along, move_along, state_after_step
 from .force_plan import plan_of
-from .force_series import LONGEST_PHASE, ForceSeries, force_series, in_space, jacobian_sizes
+from .force_series import LONGEST_PHASE, ForceSeries, force_series, in_space
 from .interface import Flight
+from .orders import Orders, as_array, slope_of, value_of
+from .series import derivative, horner, sum_series
 from .series_length import derivative_limit, is_consistent, motion_limit, time_limit
 from .switching_step import TERMS
 from .taylor import TaylorExpansion
@@ -49,16 +52,38 @@ class ForceExpansion(TaylorExpansion):
     Attributes:
         pace: time scale of the motion now: the length of a step for accuracy alone.
         branches: branches of the force in this step, and those that follow it; None if there is one branch alone.
+        is_alone: whether it is the motion of one trajectory, whose polynomials are summed by few operations.
     """
 
     pace: Scalar
     branches: Branches | None = None
+    is_alone: bool = eqx.field(static=True, default=False)
 
     @property
     def series(self) -> tuple[Array, ...]:
         """All orders of which each has one."""
         order = len(self.forces)
         return self.x[:order], self.forces, self.phase[:order]
+
+    def rest(self, machine: Machine, limit: Scalar) -> tuple[Array, Array]:
+        """Bound |x^(4)| / 24 and |force^(3)| / 6 on [0, limit] by sums of absolute coefficients."""
+        del machine
+        value = value_of if self.is_alone else horner
+        return value(jnp.abs(self.x[4:]), limit), value(jnp.abs(self.forces[3:]), limit)
+
+    def velocity_rest(self, machine: Machine, limit: Scalar) -> Array:
+        """Bound |v^(4)| / 24 by the sum of absolute coefficients."""
+        del machine
+        x = jnp.abs(self.x)
+        return value_of(slope_of(x)[4:], limit) if self.is_alone else horner(derivative(x)[4:], limit)
+
+    def move(self, machine: Machine, state: State, step: Scalar) -> tuple[Array, Array, Array]:
+        """Sum the series at `step`."""
+        del machine, state
+        if not self.is_alone:
+            return sum_series(self.x, self.phase, step)
+        change = [step * value_of(a[1:], step) for a in (self.x, self.phase)]
+        return change[0], value_of(slope_of(self.x), step), change[1]
 
 
 class ForceFlow(ExpandingFlow):
@@ -79,21 +104,19 @@ class ForceFlow(ExpandingFlow):
     def expand(self, machine: Machine, state: State, hold: Held) -> ForceExpansion:
         """Compute the Taylor series of the motion at `state`, and the step for which they are right."""
         if state.x.ndim == 1:
-            return self._expand(machine, state, hold, fence=True)
-        return lanes_last(partial(self._expand, fence=False))(machine, state, hold)
+            return self._expand(machine, state, hold, is_alone=True)
+        return lanes_last(partial(self._expand, is_alone=False))(machine, state, hold)
 
     def _expand(
-        self, machine: Machine, state: State, hold: Held, direction: Scalar | float = 1.0, *, fence: bool
+        self, machine: Machine, state: State, hold: Held, direction: Scalar | float = 1.0, *, is_alone: bool
     ) -> ForceExpansion:
         order, tolerance = self._order_and_tolerance(state)
         plan = self._plan(machine, jacobian=True)
-        modes = self._modes(machine, state, hold, fence=fence)
-        motion = force_series(plan, machine, state, hold, modes, order, fence=fence)
-        sizes = jacobian_sizes(machine, motion.series, order)
-        call = compute_once if fence else _plainly
-        limit = call(
-            partial(_limit, has_powers=plan.has_closing_powers), machine, motion.x, *sizes, tolerance
-        )
+        modes = self._modes(machine, state, hold, is_alone=is_alone)
+        motion = force_series(plan, machine, state, hold, modes, order, is_alone=is_alone)
+        call = compute_once if is_alone else _plainly
+        limit_of = partial(_limit, has_powers=plan.has_closing_powers)
+        limit = call(limit_of, machine, motion.x, *motion.sizes, tolerance)
         limit = time_limit(self._plan(machine), machine, state, modes, limit, order, tolerance)
         limit = _consistent(
             self._plan(machine), machine, state, hold, modes, motion, limit, tolerance, direction
@@ -135,7 +158,7 @@ class ForceFlow(ExpandingFlow):
         if state.x.ndim == 1:
             return self._move(machine, state, hold, step)
         still = jax.lax.stop_gradient
-        modes = still(lanes_last(partial(self._modes, fence=False))(machine, state, hold))
+        modes = still(lanes_last(partial(self._modes, is_alone=False))(machine, state, hold))
         # The rule of derivatives would trace the concrete numbers of the machine.
         numbers, known = eqx.partition((machine, state, hold), lambda a: isinstance(a, jax.Array))
         return _moved_in_lanes(self, numbers, step, modes, lambda numbers: eqx.combine(numbers, known))
@@ -147,17 +170,17 @@ class ForceFlow(ExpandingFlow):
         hold: Held,
         step: Scalar,
         *,
-        fence: bool = True,
+        is_alone: bool = True,
         modes: Any = None,
     ) -> tuple[Array, Array, Array]:
         """`propagate`, a subject of derivatives."""
         order, _ = self._order_and_tolerance(state)
         plan = self._plan(machine)
         if modes is None:
-            modes = jax.lax.stop_gradient(self._modes(machine, state, hold, fence=fence))
-        found = force_series(plan, machine, state, hold, modes, order, fence=fence)
+            modes = jax.lax.stop_gradient(self._modes(machine, state, hold, is_alone=is_alone))
+        found = force_series(plan, machine, state, hold, modes, order, is_alone=is_alone)
         motion = _expansion(found, step, step, None)
-        call = compute_once if fence else _plainly
+        call = compute_once if is_alone else _plainly
         displacement, v, change = call(move_along, machine, state, motion, hold, step)
         if not plan.num_switches:
             return displacement, v, change
@@ -184,7 +207,7 @@ class ForceFlow(ExpandingFlow):
         """State after a step in a direction, its length without a sign, and the displacement."""
         still = jax.lax.stop_gradient
         # Lengths of steps are constants, and the series for them has more in it than that of the motion.
-        ahead = compute_once(partial(self._expand, fence=True), *still((machine, state, hold)), direction)
+        ahead = compute_once(partial(self._expand, is_alone=True), *still((machine, state, hold)), direction)
         step = jnp.minimum(remaining, ahead.limit)
         moved = self._move(machine, state, hold, direction * step)
         end = state_after_step(machine, state, *moved, direction * step)
@@ -227,29 +250,29 @@ class ForceFlow(ExpandingFlow):
         force, lanes = machine.extra.force, machine.mean.ndim > 1
         return plan_of(force, machine.num_masses, lanes=lanes, jacobian=jacobian)
 
-    def _modes(self, machine: Machine, state: State, hold: Held, *, fence: bool) -> tuple[Scalar, ...]:
+    def _modes(self, machine: Machine, state: State, hold: Held, *, is_alone: bool) -> tuple[Scalar, ...]:
         plan = self._plan(machine)
         if not plan.num_switches:
             return ()
 
-        def series_with(modes: tuple[Scalar, ...]) -> Series:
-            return force_series(plan, machine, state, hold, modes, DECIDING, fence=fence).series
+        def series_with(modes: tuple[Scalar, ...]) -> Series | LoopSeries:
+            return force_series(plan, machine, state, hold, modes, DECIDING, is_alone=is_alone).series
 
         return modes_now(plan, state.memory, series_with)
 
     def _near_future(self, machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
         """First Taylor coefficients at the end of a step, in the branches that follow."""
         terms = TERMS if machine.contacts.is_switching else _NEAR
-        fence = state.x.ndim == 1
+        is_alone = state.x.ndim == 1
 
         def of_one(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
             plan = self._plan(machine)
-            modes = self._modes(machine, state, hold, fence=fence)
-            motion = force_series(plan, machine, state, hold, modes, terms, fence=fence)
-            x, force, phase = (jnp.stack(a) for a in (motion.x, motion.force, motion.phase[: terms + 1]))
+            modes = self._modes(machine, state, hold, is_alone=is_alone)
+            motion = force_series(plan, machine, state, hold, modes, terms, is_alone=is_alone)
+            x, force, phase = map(as_array, (motion.x, motion.force, motion.phase[: terms + 1]))
             return x, force, phase
 
-        return (of_one if fence else lanes_last(of_one))(machine, state, hold)
+        return (of_one if is_alone else lanes_last(of_one))(machine, state, hold)
 
     def _order_and_tolerance(self, state: State) -> tuple[int, float]:
         dtype = str(state.x.dtype)
@@ -265,7 +288,7 @@ def _moved_in_lanes(flow: ForceFlow, numbers: Any, step: Scalar, modes: Any, of_
 def _in_lanes(flow: ForceFlow, numbers: Any, step: Scalar, modes: Any, of_numbers: Callable) -> Any:
     def of_one(given: Any, step: Scalar, modes: Any) -> Any:
         machine, state, hold = given
-        return flow._move(machine, state, hold, step, fence=False, modes=modes)
+        return flow._move(machine, state, hold, step, is_alone=False, modes=modes)
 
     return lanes_last(of_one)(of_numbers(numbers), step, modes)
 
@@ -280,7 +303,7 @@ def _moved_in_lanes_jvp(primals: tuple, tangents: tuple) -> tuple:
 
         def end(moving: Any, step: Scalar) -> Any:
             machine, state, hold = eqx.combine(moving, known)
-            return flow._move(machine, state, hold, step, fence=False, modes=modes)
+            return flow._move(machine, state, hold, step, is_alone=False, modes=modes)
 
         return eqx.filter_jvp(end, (moving, step), (by_numbers, by_step))[1]
 
@@ -299,9 +322,9 @@ class _FlowMapState(NamedTuple):
 
 
 def _expansion(motion: ForceSeries, limit: Scalar, pace: Scalar, branches: Branches | None) -> ForceExpansion:
-    x, force, phase = (jnp.stack(a) for a in (motion.x, motion.force, motion.phase))
+    x, force, phase = map(as_array, (motion.x, motion.force, motion.phase))
     now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
-    return ForceExpansion(now, limit, x, force, phase, pace, branches)
+    return ForceExpansion(now, limit, x, force, phase, pace, branches, not isinstance(motion.x, list))
 
 
 def _plainly(function: Any, *args: Any) -> Any:
@@ -315,10 +338,10 @@ def _at_pace(machine: Machine, pace: Scalar) -> Machine:
 
 
 def _limit(
-    machine: Machine, x: list[Array], by_x: list[Any], by_v: list[Any], tolerance: float, *, has_powers: bool
+    machine: Machine, x: Orders, by_x: Any, by_v: Any, tolerance: float, *, has_powers: bool
 ) -> Scalar:
     """Longest step by rules 1 and 2, and for which the phase of the load is right."""
-    of_derivatives = derivative_limit(by_x, by_v, tolerance, x[0][0], has_powers=has_powers)
+    of_derivatives = derivative_limit(by_x, by_v, len(x) - 1, tolerance, has_powers=has_powers)
     limit = jnp.minimum(motion_limit(x, tolerance), of_derivatives)
     fastest = machine.fastest
     limit = jnp.where(
@@ -350,8 +373,9 @@ def _consistent(
         return limit, is_good(limit), cuts + 1
 
     is_on = lambda carry: ~carry[1] & (carry[2] < _MOST_CUTS)  # noqa: E731
-    found, _, _ = jax.lax.while_loop(is_on, cut, (limit, is_good(limit), jnp.zeros(limit.shape, int)))
-    return found
+    # The first turn looks at the limit itself.
+    begin = 4 * limit, jnp.zeros(limit.shape, bool), jnp.full(limit.shape, -1)
+    return jax.lax.while_loop(is_on, cut, begin)[0]
 
 
 def _acceleration(plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Scalar, ...]) -> Array:

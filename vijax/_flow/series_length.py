@@ -16,18 +16,20 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Array, Float
 
 from .._jax.arrays import Flag, Scalar, add_up, matvec
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._series.order_loop import added_by_halves
 from .._series.plan import Plan
 from .._series.series import force_at
 from .._series.time_bound import has_time_bound, time_bound
 from .branches import is_entering
 from .force_series import ForceSeries, in_space, largest
-from .series import derivative, horner
+from .orders import Orders, slope_of, value_of
 
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
@@ -39,7 +41,7 @@ _DISC = 6.0
 _MOST_HALVINGS = 60
 
 
-def motion_limit(x: list[Array], tolerance: float) -> Scalar:
+def motion_limit(x: Orders, tolerance: float) -> Scalar:
     """Rule 1: longest step for which the last two coefficients of the positions are below the tolerance."""
     eps = float(jnp.finfo(x[0].dtype).eps)
     return _limit_of_last(lambda k: jnp.max(jnp.abs(x[k]), axis=0), len(x) - 1, [eps, *[tolerance] * 3])
@@ -58,7 +60,7 @@ def _limit_of_last(of: Callable[[int], Array], order: int, tolerances: list[floa
 
 
 def derivative_limit(
-    by_x: list[Any], by_v: list[Any], tolerance: float, like: Array, *, has_powers: bool = False
+    by_x: Any, by_v: Any, order: int, tolerance: float, *, has_powers: bool = False
 ) -> Scalar:
     """Rule 2: longest step for which the derivatives of the motion by its start are right.
 
@@ -66,14 +68,31 @@ def derivative_limit(
     below those of phi'' = k phi + d phi': one scalar recurrence for all directions and any number of masses, to which the
     rule of the last two coefficients applies. Where a power begins, steps are far shorter than the time scale of the machine: there
     the last coefficients of phi' must be small against its first ones too, or series are used beyond their radius of convergence.
+
+    Args:
+        by_x: k_m for every m, None where it is known to be zero; or an array, of one order if all others are.
+        by_v: d_m likewise.
+        order: number of orders.
+        tolerance: bound of the last terms.
+        has_powers: whether there are powers that begin.
     """
-    order = len(by_x)
-    zero = jnp.zeros_like(like)
     rate = jnp.sqrt(by_x[0]) + by_v[0]
-    if all(a is None for a in (*by_x[1:], *by_v[1:])):
+    later = (*by_x[1:], *by_v[1:]) if isinstance(by_x, list) else (*[0] * (len(by_x) + len(by_v) - 2),)
+    if all(a is None for a in later):
         most = (tolerance * factorial(order)) ** (1 / order)
-        return most / jnp.maximum(rate, _tiny(like))
-    phi, slope = [jnp.ones_like(like), zero + rate], [zero + rate]
+        return most / jnp.maximum(rate, _tiny(rate))
+    phi = (_neighbours if isinstance(by_x, list) else _neighbours_by_loop)(by_x, by_v, rate, order)
+    room = [(log2(tolerance) - _log2(phi[k])) * (1 / k) for k in (order - 1, order)]
+    limit = _SHARE * _exp2(jnp.minimum(*room))
+    if not has_powers:
+        return limit
+    return jnp.minimum(limit, _limit_of_last(lambda k: (k + 1) * phi[k + 1], order - 1, [tolerance] * 4))
+
+
+def _neighbours(by_x: list[Any], by_v: list[Any], rate: Scalar, order: int) -> list[Scalar]:
+    """Coefficients of phi."""
+    zero = jnp.zeros_like(rate)
+    phi, slope = [jnp.ones_like(rate), zero + rate], [zero + rate]
     for q in range(2, order + 1):
         total = zero
         for m in range(q - 1):
@@ -81,11 +100,26 @@ def derivative_limit(
                 total = total if a is None else total + a * b
         phi.append(total * (1 / (q * (q - 1))))
         slope.append(q * phi[q])
-    room = [(log2(tolerance) - _log2(phi[k])) * (1 / k) for k in (order - 1, order)]
-    limit = _SHARE * _exp2(jnp.minimum(*room))
-    if not has_powers:
-        return limit
-    return jnp.minimum(limit, _limit_of_last(slope.__getitem__, order - 1, [tolerance] * 4))
+    return phi
+
+
+def _neighbours_by_loop(
+    by_x: Float[Array, " of_x"], by_v: Float[Array, " of_v"], rate: Scalar, order: int
+) -> Float[Array, " orders"]:
+    """`_neighbours` of arrays. Products of one sum stand beside each other, as in `Convolution`."""
+    size = 1 << (order - 1).bit_length()
+    sizes = jnp.stack([jnp.pad(a, (0, size - len(a))) for a in (by_x, by_v)], axis=1)
+
+    def one(carry: tuple[Array, Scalar], now: tuple[Scalar, Scalar]) -> tuple[tuple[Array, Scalar], Scalar]:
+        (ahead, before), (q, share) = carry, now
+        phi = jnp.sum(added_by_halves(sizes * ahead)) * share
+        return (jnp.concatenate([jnp.stack([before, q * phi])[None], ahead[:-1]]), phi), phi
+
+    q = np.arange(2, order + 1)
+    first = jnp.stack([jnp.ones_like(rate), rate])
+    begin = jnp.pad(first[None], ((0, size - 1), (0, 0)))
+    factors = jnp.asarray(q, rate.dtype), jnp.asarray(1 / (q * (q - 1)), rate.dtype)
+    return jnp.concatenate([first, jax.lax.scan(one, (begin, rate), factors)[1]])
 
 
 def time_limit(
@@ -117,8 +151,9 @@ def time_limit(
         return limit / 2, is_wild(limit / 2), turns + 1
 
     is_on = lambda carry: carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
-    found, _, _ = jax.lax.while_loop(is_on, halve, (limit, is_wild(limit), jnp.zeros(limit.shape, int)))
-    return found
+    # The first turn looks at the limit itself.
+    begin = 2 * limit, jnp.ones(limit.shape, bool), jnp.full(limit.shape, -1)
+    return jax.lax.while_loop(is_on, halve, begin)[0]
 
 
 def _felt(machine: Machine, state: State, motion: ForceSeries) -> Array:
@@ -172,14 +207,14 @@ def is_consistent(
     be so short that its whole impulse is nothing.
     """
     assert machine.extra is not None
-    x, v, phase = (horner(a, step) for a in (motion.x, motion.v, motion.phase))
+    x, v, phase = (value_of(a, step) for a in (motion.x, motion.v, motion.phase))
     own = force_at(
         plan, machine.extra.force, machine.clock(state) + step, *in_space(machine, phase, x, v), modes
     )
     load = machine.load(phase)
     terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own, _felt(machine, state, motion)
     a = machine.contacts.accelerations(load - terms[1] - terms[2] + own, hold, phase)
-    defect = jnp.max(jnp.abs(a - horner(derivative(motion.v), step)), axis=0)
+    defect = jnp.max(jnp.abs(a - value_of(slope_of(motion.v), step)), axis=0)
     speed = jnp.max(jnp.maximum(jnp.abs(v), jnp.abs(state.v)), axis=0)
     rounding = jnp.max(machine.contacts.inverse_mass_size(add_up([jnp.abs(term) for term in terms])), axis=0)
     motion_size = tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))

@@ -52,7 +52,14 @@ def search_alone(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Sear
     """A search to its end, of a strobe whose flow is `compact`."""
     numbers = strobe.numbers
     search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
-    return jax.lax.while_loop(lambda search: search.is_on, lambda search: search_step(strobe, search), search)
+    follow = None
+    if not strobe.flow.has_flow_map:
+        follow = jax.jit(lambda z: strobe.run(z), inline=True)  # traced once
+        run = jax.eval_shape(follow, guess)
+        nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), (run.events, run.jacobian))
+        search = replace(search, last=nothing)
+    step = lambda search: search_step(strobe, search, follow)  # noqa: E731
+    return jax.lax.while_loop(lambda search: search.is_on, step, search)
 
 
 def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution:
@@ -125,10 +132,30 @@ def _multipliers_jvp(primals, tangents):
 def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog, Array]:
     """As `_by_sequence`, by the stroboscopic map, for a flow that advances step by step."""
     start = fixed_point(strobe, search.cycle.start)
-    pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
+    if search.last is None:
+        events, jacobian = strobe.follow(start).events, jax.jacfwd(strobe.end)(start)
+    else:
+        events, jacobian = _last_run(strobe, start, search.last)
+    pencil = Pencil(jacobian, jnp.eye(len(start)))
     erased = num_erased(search.cycle.sequence, strobe.numbers.num_sliders)
     multipliers = floquet_multipliers(pencil, erased, free_shifts(strobe.numbers))
-    return start, multipliers, strobe.follow(start).events, jnp.zeros_like(strobe.numbers.mean)
+    return start, multipliers, events, jnp.zeros_like(strobe.numbers.mean)
+
+
+@eqx.filter_custom_jvp
+def _last_run(strobe: StroboscopicMap, start: Array, known: tuple[EventLog, Array]) -> tuple[EventLog, Array]:
+    """Events of a run and the derivative of its end by its start, as the search has them, as a function of both."""
+    del strobe, start
+    return known
+
+
+@_last_run.def_jvp
+def _last_run_jvp(primals, tangents):
+    def of(strobe: StroboscopicMap, start: Array) -> tuple[EventLog, Array]:
+        return strobe.follow(start).events, jax.jacfwd(strobe.end)(start)
+
+    # The value is that of the same function, so that second derivatives see all of it.
+    return eqx.filter_jvp(of, tuple(primals[:2]), tuple(tangents[:2]))
 
 
 @eqx.filter_custom_jvp

@@ -10,7 +10,8 @@ brings it no nearer to closing, the motion has settled on an orbit of more perio
 between the start of a run and its end: a doubled orbit lies on both sides of the one that it came from.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,8 +25,9 @@ from .._jax.xla import is_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
+from .._trajectory.event_log import Log
 from .._trajectory.loop import UNLIMITED_STEPS, Choices, LoopArguments
-from .._trajectory.single_call import run_for_log, run_single_call
+from .._trajectory.single_call import run_for_log, run_single_call, run_with_jacobian
 from .._trajectory.solution import RESULTS, Solution
 from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
@@ -68,6 +70,7 @@ class Search(eqx.Module):
         is_orbit: true if the machine follows it.
         is_full: true if the last run had more events than there is room for.
         num_runs: number of runs so far.
+        last: events and jacobian of the last run, see `FollowedMap`; None where nobody reads them.
     """
 
     trial: Float[Array, " state"]
@@ -85,6 +88,7 @@ class Search(eqx.Module):
     is_orbit: Bool[Array, ""]
     is_full: Bool[Array, ""]
     num_runs: Int[Array, ""]
+    last: Any = None
 
     @property
     def is_on(self) -> Reals:
@@ -192,6 +196,34 @@ class StroboscopicMap(eqx.Module):
         sol = self.follow(z)
         return jnp.concatenate([sol.x1, sol.v1])
 
+    def run(self, z: Float[Array, " state"]) -> "FollowedMap":
+        """Run from a state, with the derivative of its end where the flow has no flow map."""
+        choices = Choices(can_stick=True, room=self.room)
+        asked = self.numbers, self.flow, self.request(z), choices
+        if self.flow.has_flow_map:
+            return FollowedMap(*run_for_log(*asked))
+        solution, log, jacobian = run_with_jacobian(*asked)
+        end = jnp.concatenate([solution.x1, solution.v1])
+        return FollowedMap(log, solution.result, end, jacobian, solution.events)
+
+
+class FollowedMap(NamedTuple):
+    """A run over n periods.
+
+    Attributes:
+        log: its log.
+        result: what became of it.
+        end: its end, in the fixed frame, (2 n,).
+        jacobian: the derivative of the end by the start, (2 n, 2 n); None for flows with a flow map.
+        events: its events; None likewise.
+    """
+
+    log: Log
+    result: RESULTS
+    end: Float[Array, " state"]
+    jacobian: Any = None
+    events: Any = None
+
 
 class Run(NamedTuple):
     """Result of a run.
@@ -202,6 +234,7 @@ class Run(NamedTuple):
         flights: durations of its flights, in forcing periods, (events,).
         closing: closing error, relative to the size of the motion.
         end: its end, in the fixed frame, (2 n,).
+        jacobian: see `FollowedMap`.
     """
 
     problem: Problem
@@ -209,12 +242,17 @@ class Run(NamedTuple):
     flights: Array
     closing: Scalar
     end: Array
+    jacobian: Any
 
 
-def search_step(strobe: StroboscopicMap, search: Search) -> Search:
-    """Run from the trial, and update the search."""
-    choices = Choices(can_stick=True, room=strobe.room)
-    log, result, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(search.trial), choices)
+def search_step(
+    strobe: StroboscopicMap,
+    search: Search,
+    follow: Callable[[Float[Array, " state"]], FollowedMap] | None = None,
+) -> Search:
+    """Run from the trial by `follow`, `strobe.run` if it is left out, and update the search."""
+    followed = (follow or strobe.run)(search.trial)
+    log, result, end, jacobian, events = followed
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     sequence, flights = sequence_of(log, strobe.t0, machine.period, kinds_of(strobe.numbers))
     shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
@@ -224,13 +262,15 @@ def search_step(strobe: StroboscopicMap, search: Search) -> Search:
         end = end - of_positions(problem.drift) @ (end - search.trial)
     is_whole = result == RESULTS.successful
     closing = jnp.where(is_whole, jnp.max(jnp.abs(end - search.trial) / size), jnp.inf)
-    run = Run(problem, search.trial, flights, closing, end)
+    run = Run(problem, search.trial, flights, closing, end, jacobian)
     is_orbit = is_whole & search.has_cycle & _is_traversed(search.cycle, search.cycle.start, run, _CLOSE)
     search = eqx.tree_at(
         lambda s: (s.is_orbit, s.is_full, s.num_runs),
         search,
         (is_orbit, result == RESULTS.max_events_reached, search.num_runs + 1),
     )
+    if search.last is not None:
+        search = eqx.tree_at(lambda s: s.last, search, (events, jacobian))
     # Most lanes of a batch become orbits in the same run.
     return jax.lax.cond(is_any(~is_orbit), lambda: _next(strobe, run, search), lambda: search)
 
@@ -247,8 +287,7 @@ def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
     if strobe.flow.has_flow_map:
         cycle, entry, first, is_converged = cycle_by_sequence(problem, guess)
     else:
-        jacobian = jax.jacfwd(strobe.end)(search.trial)
-        cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, jacobian)
+        cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, run.jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
     # A run with other modes at its ends, such as a stop that holds, cannot close: the next run begins where this one ended.
     # (Its bounces would collapse into the start of the cycle, and stay there as impacts without speed.)
@@ -257,7 +296,9 @@ def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
     first = jnp.where(is_open, end - search.trial, first)
     is_found = is_nearer & is_converged & ~is_open
     # A run that began on the cycle itself, such as from the settled end of a sweep, needs no second run.
-    is_orbit = search.is_orbit | (is_found & _is_traversed(cycle, entry - away, run, _STILL))
+    # The last run from the cycle tells its events and multipliers, if it is kept.
+    is_told = search.last is None
+    is_orbit = search.is_orbit | (is_told & is_found & _is_traversed(cycle, entry - away, run, _STILL))
     known = (search.trial, search.base), (first, search.step), (end, search.end)
     base, step, end = (jnp.where(is_nearer, *pair) for pair in known)
     factor = jnp.where(is_nearer, 1.0, search.factor)
@@ -284,6 +325,7 @@ def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
         is_orbit=is_orbit,
         is_full=search.is_full,
         num_runs=search.num_runs,
+        last=search.last,
     )
     return jax.tree.map(lambda a, b: jnp.where(search.is_orbit, a, b), search, following)
 

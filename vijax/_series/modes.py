@@ -5,6 +5,7 @@ from jaxtyping import Array
 
 from .._jax.arrays import Scalar
 from .operations import Operand, is_known
+from .order_loop import LoopSeries
 from .plan import Plan
 from .series import Series
 
@@ -22,7 +23,7 @@ def num_rounds(plan: Plan) -> int:
     return 1 + max(map(depth, guards), default=0)
 
 
-def decide(series: Series) -> Array:
+def decide(series: Series | LoopSeries) -> Array:
     """Mode of every switch, (switches, ...): the first coefficient of guard - knot decides that is not zero.
 
     A guard that stays at a knot is below it.
@@ -32,7 +33,7 @@ def decide(series: Series) -> Array:
     return jnp.stack(rows) if rows else jnp.zeros((0, *shape), series.like.dtype)
 
 
-def _mode(series: Series, switch: int) -> Scalar:
+def _mode(series: Series | LoopSeries, switch: int) -> Scalar:
     total = jnp.zeros(series.like.shape[1:], series.like.dtype)
     guard = [series.guard(switch, k) for k in range(len(series))]
     for number in range(len(series.plan.switches[switch].knots)):
@@ -43,7 +44,7 @@ def _mode(series: Series, switch: int) -> Scalar:
     return total
 
 
-def next_knot(series: Series, switch: int) -> tuple[Scalar, Scalar]:
+def next_knot(series: Series | LoopSeries, switch: int) -> tuple[Scalar, Scalar]:
     """Time of the next knot of a guard that is linear in time, infinite if there is none, and the change of the mode there."""
     mode = series.given[2][switch]
     start, rate = series.guard(switch, 0), series.guard(switch, 1)
@@ -61,7 +62,7 @@ def next_knot(series: Series, switch: int) -> tuple[Scalar, Scalar]:
     return jnp.where(is_moving, time, jnp.inf), jnp.where(is_up, 1, -1).astype(series.like.dtype)
 
 
-def bounds_of_mode(series: Series, switch: int, mode: Scalar) -> tuple[Scalar, Scalar]:
+def bounds_of_mode(series: Series | LoopSeries, switch: int, mode: Scalar) -> tuple[Scalar, Scalar]:
     """Knots below and above a mode, infinite if there is none."""
     low, high = (
         jnp.full_like(series.guard(switch, 0), -jnp.inf),

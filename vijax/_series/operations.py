@@ -3,6 +3,9 @@
 A series has a number; an operand is such a number, or a known number as a NumPy scalar. A coefficient is an array over
 the lanes, a float, or None if it is known to be zero.
 
+The order k is a number where the coefficients are written out, or an array in a loop over the orders, see `order_loop.py`:
+then sums over orders are `Read.products` and `Read.weighted`, and an operation tells their pairs in `pairs`.
+
 To add an operation, extend `Operation`, give it a method of `Builder` in `builder.py`, and let a primitive of
 `primitives.py` call it.
 """
@@ -17,6 +20,9 @@ import numpy as np
 
 Operand = Any
 Coefficient = Any
+Order = Any
+# A series, and whether its coefficients are times their order.
+Factor = tuple[Operand, bool]
 
 
 class Read(abc.ABC):
@@ -31,13 +37,28 @@ class Read(abc.ABC):
     at_knot: dict[int, Coefficient]
 
     @abc.abstractmethod
-    def __call__(self, operand: Operand, k: int) -> Coefficient:
+    def __call__(self, operand: Operand, k: Order) -> Coefficient:
         """Coefficient k of an operand."""
+
+    @abc.abstractmethod
+    def products(
+        self, a: Operand, b: Operand, k: Order, *, first: bool = True, last: bool = True
+    ) -> Coefficient:
+        """Sum of a_j b_{k-j} over 0 < j < k, with j = 0 if `first` and j = k if `last`."""
+
+    @abc.abstractmethod
+    def weighted(self, a: Operand, b: Operand, p: Coefficient, k: Order) -> Coefficient:
+        """Sum of (p j - (k - j)) / k a_j b_{k-j} over 0 < j <= k."""
 
 
 def is_known(operand: Operand) -> bool:
     """True for known numbers, False for series."""
     return isinstance(operand, np.generic)
+
+
+def number(operand: Operand) -> Any:
+    """A known number as a coefficient."""
+    return float(operand) if np.issubdtype(operand.dtype, np.floating) else operand
 
 
 def plus(a: Coefficient, b: Coefficient) -> Coefficient:
@@ -59,14 +80,9 @@ def times(factor: Coefficient, a: Coefficient) -> Coefficient:
     return factor * a
 
 
-def cauchy(
-    read: Read, a: Operand, b: Operand, k: int, first: int = 0, last: int | None = None
-) -> Coefficient:
-    """Sum of a_j b_{k-j} over j from `first` to `last`, k if that is None."""
-    total = None
-    for j in range(first, (k if last is None else last) + 1):
-        total = plus(total, times(read(a, j), read(b, k - j)))
-    return total
+def pair(a: Operand, b: Operand) -> tuple[Factor, Factor]:
+    """The pair of two series as they are."""
+    return (a, False), (b, False)
 
 
 @dataclass(eq=False, frozen=True)
@@ -76,9 +92,22 @@ class Operation(abc.ABC):
     out: int
     args: tuple[Operand, ...]
 
-    @abc.abstractmethod
     def coefficient(self, read: Read, k: int) -> Coefficient:
         """Coefficient k. Those of the arguments are there up to k, its own and those of later series below k."""
+        return self.later(read, k) if k else self.first(read)
+
+    @abc.abstractmethod
+    def first(self, read: Read) -> Coefficient:
+        """Coefficient 0."""
+
+    @abc.abstractmethod
+    def later(self, read: Read, k: Order) -> Coefficient:
+        """Coefficient k of those that follow."""
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        """Pairs of series whose products over the orders between 0 and k `later` reads."""
+        return ()
 
     @property
     def sources(self) -> tuple[Operand, ...]:
@@ -101,12 +130,18 @@ class Linear(Operation):
     factors: tuple[float, ...]
     constant: float
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        total = self.constant if k == 0 and self.constant else None
+    def first(self, read: Read) -> Coefficient:
+        total = self._sum(read, 0, self.constant or None)
+        return 0.0 if total is None else total
+
+    def later(self, read: Read, k: Order) -> Coefficient:
+        return self._sum(read, k, None)
+
+    def _sum(self, read: Read, k: Order, total: Coefficient) -> Coefficient:
         for c, a in zip(self.factors, self.args, strict=True):
             term = read(a, k)
             total = minus(total, term) if c == -1 else plus(total, times(c, term))
-        return 0.0 if total is None and k == 0 else total
+        return total
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         return build.linear([(c, of(a)) for c, a in zip(self.factors, self.args, strict=True)])
@@ -118,9 +153,17 @@ class Linear(Operation):
 class Product(Operation):
     """Series y = a b."""
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
         a, b = self.args
-        return cauchy(read, a, b, k)
+        return times(read(a, 0), read(b, 0))
+
+    def later(self, read: Read, k: Order) -> Coefficient:
+        return read.products(*self.args, k)
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        a, b = self.args
+        return (pair(a, b),)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         a, b = self.args
@@ -130,10 +173,18 @@ class Product(Operation):
 class Square(Operation):
     """Series y = a^2, with half the products."""
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
         (a,) = self.args
-        total = times(2.0, cauchy(read, a, a, k, 0, (k - 1) // 2)) if k else None
-        return total if k % 2 else plus(total, times(read(a, k // 2), read(a, k // 2)))
+        return times(read(a, 0), read(a, 0))
+
+    def later(self, read: Read, k: Order) -> Coefficient:
+        (a,) = self.args
+        return read.products(a, a, k)
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        (a,) = self.args
+        return (pair(a, a),)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         (a,) = self.args
@@ -150,9 +201,17 @@ class Quotient(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[:2]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
+        a, _, inverse = self.args
+        return times(read(inverse, 0), read(a, 0))
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         a, b, inverse = self.args
-        return times(read(inverse, 0), minus(read(a, k), cauchy(read, self.out, b, k, 0, k - 1)))
+        return times(read(inverse, 0), minus(read(a, k), read.products(self.out, b, k, last=False)))
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        return (pair(self.out, self.args[1]),)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         a, b, _ = self.args
@@ -166,14 +225,17 @@ class SquareRoot(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[:1]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
+        return jnp.sqrt(read(self.args[0], 0))
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         a, inverse = self.args
-        if k == 0:
-            return jnp.sqrt(read(a, 0))
-        total = times(2.0, cauchy(read, self.out, self.out, k, 1, (k - 1) // 2))
-        if k % 2 == 0:
-            total = plus(total, times(read(self.out, k // 2), read(self.out, k // 2)))
+        total = read.products(self.out, self.out, k, first=False, last=False)
         return times(0.5, times(read(inverse, 0), minus(read(a, k), total)))
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        return (pair(self.out, self.out),)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         return build.divide(build.linear([(0.5, of(self.args[0]))]), self.out)
@@ -200,13 +262,18 @@ class Integral(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[2::3]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        if k == 0:
-            return self.value(*(read(a, 0) for a in self.of))
+    def first(self, read: Read) -> Coefficient:
+        return self.value(*(read(a, 0) for a in self.of))
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         total = None
         for c, slope, g in zip(self.factors, self.args[::3], self.args[1::3], strict=True):
-            total = plus(total, times(c / k, cauchy(read, slope, g, k, 1, k)))
+            total = plus(total, times(c / k, read.products(slope, g, k, first=False)))
         return total
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        return tuple(map(pair, self.args[::3], self.args[1::3]))
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         pairs = zip(self.factors, self.args[1::3], self.args[2::3], strict=True)
@@ -230,11 +297,18 @@ class InverseIntegral(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[:1]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
+        return self.value(read(self.args[0], 0))
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         x, g, slope, inverse = self.args
-        if k == 0:
-            return self.value(read(x, 0))
-        return times(read(inverse, 0), minus(read(x, k), times(1 / k, cauchy(read, slope, g, k, 1, k - 1))))
+        total = read.products(slope, g, k, first=False, last=False)
+        return times(read(inverse, 0), minus(read(x, k), times(1 / k, total)))
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        _, g, slope, _ = self.args
+        return (pair(slope, g),)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         return build.divide(of(self.args[0]), self.args[1])
@@ -247,7 +321,10 @@ class Chosen(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[1:]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
+        return self.later(read, 0)
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         which, *cases = self.args
         rows = [read(case, k) for case in cases]
         if all(row is None for row in rows):
@@ -278,8 +355,11 @@ class Slope(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return ()
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        return times(float(k), read(self.args[0], k)) if k else None
+    def first(self, read: Read) -> Coefficient:
+        return None
+
+    def later(self, read: Read, k: Order) -> Coefficient:
+        return times(float(k) if isinstance(k, int) else k, read(self.args[0], k))
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         raise NotImplementedError("No function of it reaches a result.")
@@ -290,6 +370,9 @@ class Slope(Operation):
 
 class Fixed(Operation):
     """Number that does not change along the motion: it has order 0 alone, and no derivative."""
+
+    def later(self, read: Read, k: Order) -> Coefficient:
+        return None
 
     @property
     def sources(self) -> tuple[Operand, ...]:
@@ -308,15 +391,15 @@ class Computed(Fixed):
 
     function: Callable
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        return None if k else self.function(*(a if is_known(a) else read(a, 0) for a in self.args))
+    def first(self, read: Read) -> Coefficient:
+        return self.function(*(a if is_known(a) else read(a, 0) for a in self.args))
 
 
 class Reciprocal(Fixed):
     """1 / a_0."""
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        return None if k else 1 / read(self.args[0], 0)
+    def first(self, read: Read) -> Coefficient:
+        return 1 / read(self.args[0], 0)
 
 
 @dataclass(eq=False, frozen=True)
@@ -325,8 +408,8 @@ class BranchFlag(Fixed):
 
     knot: int
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        return None if k else jnp.greater(read(self.args[0], 0), self.knot)
+    def first(self, read: Read) -> Coefficient:
+        return jnp.greater(read(self.args[0], 0), self.knot)
 
 
 def is_zero(operand: Operand) -> bool:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from math import inf
 from typing import Any
 
@@ -14,9 +14,9 @@ from jaxtyping import Array
 
 from .._lanes.graph import Node
 from .builder import Builder
-from .graph_of_force import is_known, ordered_nodes, scalars_of
+from .graph_of_force import is_known as is_known_element, ordered_nodes, scalars_of
 from .jacobian import derivatives
-from .operations import Fixed, Integral, Linear, Operand, Operation, Product, Slope
+from .operations import Fixed, Integral, Linear, Operand, Operation, Product, Slope, is_known
 from .powers import ClosingPower, Power
 from .primitives import series_of
 from .slopes import has_infinite_slope
@@ -79,6 +79,11 @@ class Plan:
                 shortest = min(0.0 if is_known(a) else degrees[a] for a in operation.args)
             count += sum(operation.num_operations(int(min(k, shortest))) for k in range(order))
         return count
+
+    @cached_property
+    def moving(self) -> frozenset[int]:
+        """Series that change along the motion."""
+        return frozenset(series for series, degree in self._degrees().items() if degree)
 
     def _degrees(self) -> dict[int, float]:
         """Orders beyond which the coefficients of series are known to be zero."""
@@ -179,10 +184,10 @@ class _Planner:
         for node in ordered_nodes(elements):
             if node not in self.at:
                 self.at[node] = self._of(node)
-        return [e if is_known(e) else self.at[e] for e in elements]
+        return [e if is_known_element(e) else self.at[e] for e in elements]
 
     def _of(self, node: Node) -> Operand:
-        args = [e if is_known(e) else self.at[e] for e in node.args]
+        args = [e if is_known_element(e) else self.at[e] for e in node.args]
         if all(map(self.build.is_fixed, args)) and hasattr(node.primitive, "bind"):
             bind = partial(_bind, node.primitive, node.params, node.dtype)
             types = tuple(np.dtype(e.dtype) for e in node.args)

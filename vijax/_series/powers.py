@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .operations import Coefficient, Fixed, Operand, Operation, Read, is_known, plus, times
+from .operations import Coefficient, Factor, Fixed, Operand, Operation, Order, Read, is_known, plus, times
 
 
 @dataclass(eq=False, frozen=True)
@@ -17,9 +17,7 @@ class PowerReciprocal(Fixed):
     is_clipped: bool
     modes: tuple[int, ...] = ()
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        if k:
-            return None
+    def first(self, read: Read) -> Coefficient:
         a = _from_knot(read, self.args[0], self.modes)
         is_zero = _is_off(a, self.is_clipped)
         return jnp.where(is_zero, 0.0, 1 / jnp.where(is_zero, 1.0, a))
@@ -44,12 +42,20 @@ class Power(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[:1]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
-        a, p, inverse = self.args
-        exponent = float(p) if is_known(p) else read(p, 0)
-        if k == 0:
-            return power(_from_knot(read, a, self.modes), exponent, self.is_clipped)
-        return times(read(inverse, 0), power_sum(read, a, self.out, exponent, k))
+    def first(self, read: Read) -> Coefficient:
+        return power(_from_knot(read, self.args[0], self.modes), self._exponent(read), self.is_clipped)
+
+    def later(self, read: Read, k: Order) -> Coefficient:
+        a, _, inverse = self.args
+        return times(read(inverse, 0), read.weighted(a, self.out, self._exponent(read), k))
+
+    def _exponent(self, read: Read) -> Coefficient:
+        p = self.args[1]
+        return float(p) if is_known(p) else read(p, 0)
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        return weighted_pairs(self.args[0], self.out)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         a, p, _ = self.args
@@ -72,7 +78,10 @@ class ScaledPower(Operation):
     exponent: float
     lead: int
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
+        return None
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         (a,), shift = self.args, round(self.lead * self.exponent)
         if read.fresh is None or k < shift or read(a, self.lead) is None:
             return None
@@ -109,7 +118,10 @@ class ClosingPower(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[3:]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
+        return self.later(read, 0)
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         plain, moving, resting, a = self.args
         found = read(plain, k)
         if read.fresh is None:
@@ -132,13 +144,9 @@ class ClosingPower(Operation):
         return 0
 
 
-def power_sum(read: Read, a: Operand, y: Operand, p: Coefficient, k: int) -> Coefficient:
-    """Coefficient k of a_0 times y, from a y' = p y a'."""
-    total = None
-    for j in range(1, k + 1):
-        factor = p * (j / k) - (k - j) / k
-        total = plus(total, times(factor, times(read(a, j), read(y, k - j))))
-    return total
+def weighted_pairs(a: Operand, y: Operand) -> tuple[tuple[Factor, Factor], ...]:
+    """Pairs of `Read.weighted`."""
+    return ((a, True), (y, False)), ((a, False), (y, True))
 
 
 def power(a: Coefficient, p: Coefficient, is_clipped: bool) -> Coefficient:
@@ -159,11 +167,16 @@ class CubeRoot(Operation):
     def sources(self) -> tuple[Operand, ...]:
         return self.args[:1]
 
-    def coefficient(self, read: Read, k: int) -> Coefficient:
+    def first(self, read: Read) -> Coefficient:
+        return jnp.cbrt(read(self.args[0], 0))
+
+    def later(self, read: Read, k: Order) -> Coefficient:
         a, inverse = self.args
-        if k == 0:
-            return jnp.cbrt(read(a, 0))
-        return times(read(inverse, 0), power_sum(read, a, self.out, 1 / 3, k))
+        return times(read(inverse, 0), read.weighted(a, self.out, 1 / 3, k))
+
+    @property
+    def pairs(self) -> tuple[tuple[Factor, Factor], ...]:
+        return weighted_pairs(self.args[0], self.out)
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         return build.divide(build.linear([(1 / 3, of(self.args[0]))]), build.square(self.out))

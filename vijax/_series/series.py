@@ -1,21 +1,68 @@
 """Taylor coefficients of a force along a motion, order by order."""
 
+import abc
 from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from .._jax.xla import compute_once
-from .operations import Coefficient, Operand, Read, is_known
+from .operations import Coefficient, Operand, Order, Read, is_known, number, plus, times
 from .plan import Plan
 
 Row = tuple[Any, ...]
 
 
-class Series(eqx.Module):
+class AbstractSeries(eqx.Module):
+    """Coefficients of all series of a plan.
+
+    Attributes:
+        plan: operations.
+        like: array of the shape of the positions.
+    """
+
+    plan: eqx.AbstractVar[Plan]
+    like: eqx.AbstractVar[Array]
+
+    @abc.abstractmethod
+    def coefficient(self, operand: Operand, k: Order) -> Coefficient:
+        """Coefficient of a series, None if it is known to be zero."""
+
+    def force(self, k: Order) -> Array:
+        """Coefficient k of the force on every mass, (n, ...)."""
+        return jnp.stack([self._scalar(s, k) for s in self.plan.forces])
+
+    def guard(self, switch: int, k: Order) -> Array:
+        """Coefficient k of the guard of a switch."""
+        return self._scalar(self.plan.switches[switch].guard, k)
+
+    def knot(self, switch: int, number: int) -> Array:
+        """Value of a guard where its branch changes."""
+        return self._scalar(self.plan.switches[switch].knots[number], 0)
+
+    def by_x(self, k: Order) -> dict[tuple[int, int], Array]:
+        """Coefficients k of the derivatives of force i by position j, but for known zeros."""
+        return self._entries(self.plan.by_x, k)
+
+    def by_v(self, k: Order) -> dict[tuple[int, int], Array]:
+        """The same by velocity j."""
+        return self._entries(self.plan.by_v, k)
+
+    def _entries(self, entries: dict[tuple[int, int], Operand], k: Order) -> dict[tuple[int, int], Array]:
+        if not self.plan.has_jacobian:
+            raise ValueError("The plan was made without `jacobian=True`.")
+        found = {at: self.coefficient(entry, k) for at, entry in entries.items()}
+        return {at: jnp.asarray(entry, self.like.dtype) for at, entry in found.items() if entry is not None}
+
+    def _scalar(self, operand: Operand, k: Order) -> Array:
+        found = self.coefficient(operand, k)
+        dtype, shape = self.like.dtype, self.like.shape[1:]
+        return jnp.broadcast_to(jnp.asarray(0.0 if found is None else found, dtype), shape)
+
+
+class Series(AbstractSeries):
     """Coefficients so far; `extend` adds an order.
 
     Attributes:
@@ -49,37 +96,6 @@ class Series(eqx.Module):
         if is_known(operand):
             return None if k else float(operand)
         return self.rows[k][operand]
-
-    def force(self, k: int) -> Array:
-        """Coefficient k of the force on every mass, (n, ...)."""
-        return jnp.stack([self._scalar(s, k) for s in self.plan.forces])
-
-    def guard(self, switch: int, k: int) -> Array:
-        """Coefficient k of the guard of a switch."""
-        return self._scalar(self.plan.switches[switch].guard, k)
-
-    def knot(self, switch: int, number: int) -> Array:
-        """Value of a guard where its branch changes."""
-        return self._scalar(self.plan.switches[switch].knots[number], 0)
-
-    def by_x(self, k: int) -> dict[tuple[int, int], Array]:
-        """Coefficients k of the derivatives of force i by position j, but for known zeros."""
-        return self._entries(self.plan.by_x, k)
-
-    def by_v(self, k: int) -> dict[tuple[int, int], Array]:
-        """The same by velocity j."""
-        return self._entries(self.plan.by_v, k)
-
-    def _entries(self, entries: dict[tuple[int, int], Operand], k: int) -> dict[tuple[int, int], Array]:
-        if not self.plan.has_jacobian:
-            raise ValueError("The plan was made without `jacobian=True`.")
-        found = {at: self.coefficient(entry, k) for at, entry in entries.items()}
-        return {at: jnp.asarray(entry, self.like.dtype) for at, entry in found.items() if entry is not None}
-
-    def _scalar(self, operand: Operand, k: int) -> Array:
-        found = self.coefficient(operand, k)
-        dtype, shape = self.like.dtype, self.like.shape[1:]
-        return jnp.broadcast_to(jnp.asarray(0.0 if found is None else found, dtype), shape)
 
 
 def series_of(
@@ -149,9 +165,26 @@ class _Rows(Read):
 
     def __call__(self, operand: Operand, k: int) -> Coefficient:
         if is_known(operand):
-            return None if k else _number(operand)
+            return None if k else number(operand)
         return self._rows[k][operand]
 
+    def products(
+        self, a: Operand, b: Operand, k: int, *, first: bool = True, last: bool = True
+    ) -> Coefficient:
+        if a == b and first == last and not is_known(a):  # half the products
+            total = times(2.0, self._sum(a, a, k, 0 if first else 1, (k - 1) // 2))
+            return total if k % 2 else plus(total, times(self(a, k // 2), self(a, k // 2)))
+        return self._sum(a, b, k, 0 if first else 1, k if last else k - 1)
 
-def _number(operand: Any) -> Any:
-    return float(operand) if np.issubdtype(operand.dtype, np.floating) else operand
+    def _sum(self, a: Operand, b: Operand, k: int, first: int, last: int) -> Coefficient:
+        total = None
+        for j in range(first, last + 1):
+            total = plus(total, times(self(a, j), self(b, k - j)))
+        return total
+
+    def weighted(self, a: Operand, b: Operand, p: Coefficient, k: int) -> Coefficient:
+        total = None
+        for j in range(1, k + 1):
+            factor = p * (j / k) - (k - j) / k
+            total = plus(total, times(factor, times(self(a, j), self(b, k - j))))
+        return total

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import equinox as eqx
@@ -12,6 +13,9 @@ from jaxtyping import Array, Float, PyTree
 
 from .._jax.arrays import as_float
 from .parametric import Parametric, ParametricForce
+
+# Forces whose shapes are remembered.
+_KEPT = 256
 
 
 def as_force(force: Any) -> Callable | None:
@@ -154,17 +158,39 @@ def bind_args(force: Callable | None, args: PyTree, num_masses: int) -> BoundFor
             "in the force itself, an `eqx.Module` or a function with a closure."
         )
     bound = BoundForce(force, jax.tree.map(as_float, args))
-    x = jax.ShapeDtypeStruct((num_masses,), jnp.result_type(float))
     try:
-        found = eqx.filter_eval_shape(bound, jax.ShapeDtypeStruct((), x.dtype), x, x)
+        shape = _shape_of(bound, num_masses)
     except Exception as error:
         raise ValueError(
             f"Argument `force` failed as force(t, x, v, args) with x and v of shape ({num_masses},) and "
             f"args = {args!r}. It must be written with `jax.numpy`, `jnp.where` instead of `if`, and return an array; "
             f"what it reads of `args` must be given. {type(error).__name__}: {error}"
         ) from error
-    if found.shape != x.shape:
+    if shape != (num_masses,):
         raise ValueError(
-            f"Argument `force` must return one force per mass, shape ({num_masses},), but returned {found.shape}."
+            f"Argument `force` must return one force per mass, shape ({num_masses},), but returned {shape}."
         )
     return bound
+
+
+def _shape_of(force: BoundForce, num_masses: int) -> tuple[int, ...]:
+    """Shape of what a force returns; tracing it takes longer than many a run, so it is remembered."""
+    leaves, structure = jax.tree.flatten(force)
+    key = (
+        structure,
+        tuple((jnp.shape(a), jnp.result_type(a)) for a in leaves),
+        num_masses,
+        jnp.result_type(float),
+    )
+    try:
+        return _traced_shape(*key)
+    except TypeError:  # the function has no hash
+        return _traced_shape.__wrapped__(*key)
+
+
+@lru_cache(_KEPT)
+def _traced_shape(structure: Any, kinds: tuple, num_masses: int, dtype: Any) -> tuple[int, ...]:
+    leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+    x = jax.ShapeDtypeStruct((num_masses,), dtype)
+    run = lambda leaves, *at: jax.tree.unflatten(structure, leaves)(*at)  # noqa: E731
+    return jax.eval_shape(run, leaves, jax.ShapeDtypeStruct((), dtype), x, x).shape

@@ -7,11 +7,11 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, UNROLLED_ALONE
-from .._jax.xla import differentiable, in_lanes_of, not_constant, while_any
+from .._jax.xla import AbstractTask, differentiable, in_lanes_of, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
@@ -131,3 +131,36 @@ def run_for_log(
     task = replace(task, watches_grazing=False)
     last = while_any(task, in_lanes_of(request.x0, carry))
     return last.log, result_of(task, last, request), jnp.concatenate(task.machine.in_space(last.state))
+
+
+def run_with_jacobian(
+    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, choices: Choices
+) -> tuple[Solution, Log, Float[Array, "state state"]]:
+    """Follow a trajectory once for its solution, its log and the derivative of its end (x, v) by its start."""
+    request = jax.tree.map(jnp.asarray, request)
+
+    def end_of(z: Float[Array, " state"]) -> tuple[Float[Array, " state"], tuple[Solution, Log]]:
+        x0, v0 = jnp.split(z, 2)
+        own = request._replace(x0=x0, v0=v0)
+        task, carry = prepare_loop(numbers, flow, own, choices)
+        task = replace(task, watches_grazing=False)
+        last = while_any(_WithoutRecords(task), in_lanes_of(z, carry))
+        solution = finish(task, last, own, choices)
+        return jnp.concatenate([solution.x1, solution.v1]), (solution, last.log)
+
+    jacobian, (solution, log) = jax.jacfwd(end_of, has_aux=True)(jnp.concatenate([request.x0, request.v0]))
+    return solution, log, jacobian
+
+
+class _WithoutRecords(AbstractTask):
+    """A loop of which the motion alone has derivatives, not what is recorded of it."""
+
+    task: LoopTask
+
+    def is_live(self, carry: Carry) -> Bool[Array, "..."]:
+        return self.task.is_live(carry)
+
+    def step(self, carry: Carry) -> Carry:
+        records = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
+        after = self.task.step(carry)
+        return eqx.tree_at(records, after, jax.lax.stop_gradient(records(after)))
