@@ -12,11 +12,32 @@ from pathlib import Path
 import jax
 import matplotlib.pyplot as plt
 from paper.output import as_text
-from papers import code_aster, galperin, mcnamara_young, siconos, tang
+from papers import (
+    bernu_mazighi,
+    code_aster,
+    galperin,
+    mcnamara_young,
+    mehta_luck,
+    rods,
+    siconos,
+    tang,
+    weidemann,
+)
 from papers.value import table_of
 
 SOURCES = {
-    one.__name__.rpartition(".")[2]: one for one in (code_aster, siconos, galperin, mcnamara_young, tang)
+    one.__name__.rpartition(".")[2]: one
+    for one in (
+        code_aster,
+        rods,
+        siconos,
+        galperin,
+        mcnamara_young,
+        bernu_mazighi,
+        mehta_luck,
+        tang,
+        weidemann,
+    )
 }
 
 

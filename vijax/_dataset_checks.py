@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ._jax.arrays import check_type
+
 # Kinds of the types of real numbers and flags in NumPy, and columns of complex numbers.
 _REAL, _COMPLEX = "biuf", ("multipliers",)
 # Columns that motions followed for a `duration` do not have.
@@ -25,10 +27,7 @@ _MAY_BE_EMPTY = {"stop", "impact", "event", "attractor", "section"}
 
 def check_is_dataset(ds: Any, argument: str, source: str) -> None:
     """Reject what is no dataset; `source` is the function that makes such, as the user calls it."""
-    if not isinstance(ds, xr.Dataset):
-        raise ValueError(
-            f"Argument `{argument}` must be a dataset, what {source} returned, but is a {type(ds).__name__}."
-        )
+    check_type(argument, ds, xr.Dataset, f"a dataset, what {source} returned")
 
 
 def check_columns(ds: xr.Dataset, source: str, columns: Mapping[str, tuple[str, ...]]) -> None:

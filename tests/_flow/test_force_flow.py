@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.special
 from analytic_scenes import NAMES, args_of, errors, machine_of, scene
 
 import vijax as vx
@@ -55,8 +56,8 @@ def flow_map_of(force, span, *, stiffness=0.0, damping=0.0):
     return end
 
 
-def without_second_rule(machine, x, by_x, by_v, tolerance):
-    del by_x, by_v
+def without_second_rule(machine, x, by_x, by_v, tolerance, *, has_powers):
+    del by_x, by_v, has_powers
     return jnp.minimum(motion_limit(x, tolerance), 1e3 * machine.timescale)
 
 
@@ -193,6 +194,61 @@ def test_a_pulse_needs_its_bound_on_complex_times(monkeypatch):
     np.testing.assert_allclose(end(), end_after_pulse(0.01), rtol=1e-11)
     monkeypatch.setattr(force_flow, "time_limit", lambda *args: args[4])
     assert abs(end() - end_after_pulse(0.01)) > 1e-3
+
+
+def power_spring(exponent):
+    """Force of a contact, or of both sides of a root, and the duration of half a swing of unit speed, by the beta function."""
+    p = exponent
+    top = ((p + 1) / 2) ** (1 / (p + 1))
+    return (
+        2
+        * top
+        * np.sqrt(np.pi)
+        * scipy.special.gamma(1 + 1 / (p + 1))
+        / scipy.special.gamma(0.5 + 1 / (p + 1))
+    )
+
+
+@pytest.mark.parametrize(
+    "exponent", [1.5, pytest.param(2.5, marks=pytest.mark.slow), pytest.param(1.25, marks=pytest.mark.slow)]
+)
+def test_a_contact_with_a_power_and_its_derivatives_have_their_closed_form(exponent):
+    contact = power_spring(exponent)
+    span = contact + 2.0
+    motion = flow_map_of(lambda t, x, v, args: -(jnp.maximum(x, 0.0) ** exponent), span)
+
+    def exact(z):
+        duration = contact * z[1] ** ((1 - exponent) / (1 + exponent))
+        return jnp.stack([-z[1] * (span - duration) - z[0], -z[1]])
+
+    start = jnp.array([-1.0, 1.3])
+    slopes, end = jax.jit(jax.jacfwd(lambda z: (motion(z),) * 2, has_aux=True))(start)
+    np.testing.assert_allclose(end, exact(start), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(slopes, jax.jacfwd(exact)(start), rtol=0, atol=4e-12)
+
+
+@pytest.mark.slow
+def test_a_root_times_what_vanishes_with_it_is_passed_at_its_beginning():
+    machine = vx.ImpactSystem(
+        [1.0], [[0.0]], [[0.0]], None, [], force=lambda t, x, v, args: -x * jnp.sqrt(jnp.abs(x))
+    )
+    end = vx.simulate(machine, 0.0, 10 * power_spring(1.5), [0.0], [1.0])
+    np.testing.assert_allclose([end.x1[0], end.v1[0]], [0.0, 1.0], rtol=0, atol=1e-11)
+
+
+def test_a_root_of_infinite_slope_moves_by_diffrax(monkeypatch):
+    monkeypatch.setattr(force_choice, "_warned", set())
+    machine = vx.ImpactSystem(
+        [1.0], [[0.1]], [[1.0]], None, [], force=lambda t, x, v, args: -jnp.sqrt(jnp.maximum(x, 0.0))
+    )
+    with pytest.warns(UserWarning, match="slope is infinite"):
+        assert isinstance(choose_flow(bound(machine, None), can_stick=False), DiffraxFlow)
+
+
+def test_a_pendulum_at_rest_upright_falls_as_its_rounding_says():
+    end = flow_map_of(pendulum, 10.0)(jnp.array([np.pi, 0.0]))
+    falls = np.sin(np.pi) * np.cosh(10.0)  # the angle is not pi, but the double beside it
+    assert abs(float(end[0] - np.pi)) < 10 * falls + 1e-11
 
 
 @pytest.mark.parametrize(("order", "tolerance"), [(3, 1e-12), (16, 0.0), (50, 1e-12), (16, 2.0)])

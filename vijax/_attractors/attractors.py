@@ -139,7 +139,7 @@ def machines_of_one(
     transient, record = whole_number("transient", transient), whole_number("record", record, 2)
     if is_traced((system, args, flow)):
         raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
-    zero = np.zeros(system.num_coordinates, as_numpy_float(0.0).dtype)
+    zero = np.zeros(machine_of(system).num_coordinates, as_numpy_float(0.0).dtype)
     check_period(system, args, zero, zero)
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")

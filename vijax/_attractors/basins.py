@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from .._dataset_checks import check_is_dataset
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, refuse_single_precision
@@ -132,6 +133,7 @@ def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
         C. Grebogi, S. W. McDonald, E. Ott & J. A. Yorke, Final state sensitivity: an obstruction to predictability,
         Phys. Lett. A 99 (1983) 415.
     """
+    check_is_dataset(basins, "basins", "`vx.basins`")
     if "label" not in basins or not basins["label"].ndim:
         raise ValueError(
             "Argument `basins` must be what `vx.basins` returned, but has no `label` over a grid."

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from .._dataset_checks import check_is_dataset
 from .._jax.arrays import Count, whole_number
 from .._sweep.provenance import machines_of
 from .._sweep.short_names import path_of, with_paths
@@ -106,6 +107,7 @@ def integrity_columns(
 
 def _checked(basins: xr.Dataset, scale: Mapping[str, float], box: int) -> dict[str, float]:
     """The lengths that count as 1, by path."""
+    check_is_dataset(basins, "basins", "`vx.basins`")
     if "label" not in basins or not basins["label"].ndim:
         raise ValueError(
             "Argument `basins` must be what `vx.basins` returned, but has no `label` over a grid."

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from .._dataset_checks import check_is_dataset
 from .._execution.settings import ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, whole_number
@@ -71,6 +72,7 @@ def shocks_of(
     settings: ExecutionSettings,
 ) -> Shocks:
     """Shocks of an attractor of a dataset, checked; `who` is the function that asks, for messages."""
+    check_is_dataset(found, "found", "`vx.attractors` or `vx.basins`")
     if not {"section_x", "section_v", "residual"} <= {*found} or found["section_x"].ndim != 3:
         raise ValueError("Argument `found` must be what `vx.attractors` or `vx.basins` returned.")
     number = whole_number("attractor", attractor)

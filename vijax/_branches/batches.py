@@ -11,11 +11,11 @@ from .._jax.packing import Packed, pack
 from .._jax.xla import jit_for_lanes, jit_lightly
 from .kernels import ROOM_OF_SIMULATION
 from .parameter_family import ParameterFamily
-from .step_kernel import first_corrections, take_steps
+from .step_kernel import each_row, first_corrections, take_steps
 
 # `_WORTH_IT`: fewest branches of one call for which kernels are compiled for `BATCHES`.
-# `_CHEAPER`: fewest of them that wait for a kernel for which these are taken. All branches of a batch wait for the slowest: of
-# branches that differ, pairs take a tenth of the time.
+# `_CHEAPER`: fewest of them that wait for a kernel for which these are taken. All branches of a batch wait for the slowest: one
+# by one, branches that differ take a tenth of the time.
 # What earlier calls have compiled must not count: the two forms differ in the last bits.
 _WORTH_IT, _CHEAPER = 512, 32
 
@@ -32,7 +32,7 @@ class Stock:
 
     def form(self, num: int) -> "Form":
         """Form in which a kernel is called for so many of the tasks."""
-        return BATCHES if len(self.place) >= _WORTH_IT and num >= _CHEAPER else PAIRS
+        return BATCHES if len(self.place) >= _WORTH_IT and num >= _CHEAPER else SINGLES
 
     def of(self, tasks: Many[int]) -> Packed:
         """Families of some tasks."""
@@ -47,9 +47,10 @@ class Form(NamedTuple):
     room: int
 
 
-# PAIRS: few branches take many steps in a call, and one program serves most simulations.
+# SINGLES: each of few branches takes many steps in a call, and one program serves most simulations. It is that of one branch
+# without `vmap`, see `each_row`.
 # BATCHES: corrections of many are written out, one step in a call, which runs as often as there are branches for it.
-PAIRS, BATCHES = Form(2, 16, ROOM_OF_SIMULATION), Form(64, 1, 0)
+SINGLES, BATCHES = Form(1, 16, ROOM_OF_SIMULATION), Form(64, 1, 0)
 
 
 def stacked(trees: list) -> Any:
@@ -99,7 +100,7 @@ def _compiled(program: Callable) -> Callable:
         def of_row(family: Packed, arguments: Packed) -> Packed:
             return pack(program(family.unpacked(), *arguments.unpacked()))
 
-        return (jax.vmap(of_row)(families, arguments),)
+        return (each_row(of_row)(families, arguments),)
 
     of_rows.__name__ = program.__name__  # its name in profiles
     return jit_lightly(of_rows, name=(program.__module__, program.__qualname__))
@@ -118,7 +119,7 @@ def compiled_steps(form: Form) -> Callable:
 
     of_rows.__name__ = "take_steps"
     run = jit_lightly(of_rows, name=(take_steps.__module__, *form))
-    if form is PAIRS:
+    if form is SINGLES:
         return run
     correct = _compiled_corrections()
     return lambda *rows: run(*rows, correct(*rows[:4]))

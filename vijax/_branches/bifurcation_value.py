@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import Scalar, refuse_single_precision
+from .._jax.arrays import Scalar, check_type, refuse_single_precision
 from .._jax.concrete import concrete_evaluation, stop_gradients
 from .._jax.errors import checked
 from .._jax.nan_mask import known_or_nan
@@ -118,6 +118,7 @@ def _of_machine_at(
     point: Bifurcation, system: AnySystem, read: Callable, function: str, *, throw: bool
 ) -> Scalar:
     """Number read of a defining system, solved for a machine."""
+    check_type("point", point, Bifurcation, "one of `branch.bifurcations` or `branch.peaks`")
     refuse_single_precision(function, point.branch.points["x0"], system)
     with concrete_evaluation():
         values = point.branch.values

@@ -7,6 +7,7 @@ from functools import partial
 
 import xarray as xr
 
+from .._dataset_checks import check_is_dataset
 from .._jax.arrays import Count, refuse_single_precision, whole_number
 from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
@@ -76,6 +77,7 @@ def branches(
         found = vx.branches(ds)
         ```
     """
+    check_is_dataset(ds, "ds", "`vx.sweep` or `vx.periodic_orbits`")
     refuse_single_precision("branches", ds.get("x0", ds.get("x")))
     num_doublings = whole_number("depth", depth)
     most = whole_number("max_branches", max_branches, 1)

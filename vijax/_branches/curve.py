@@ -8,7 +8,7 @@ import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
+from .._jax.arrays import Count, as_numpy_float, check_type, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._progress import interrupt_with_result, says_what_compiles, tqdm
 from .._sweep.short_names import with_labels
@@ -79,6 +79,7 @@ def bifurcation_curve(
         Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Ch. 8-10; D. J. W. Simpson, Resonant grazing
         bifurcations in simple impacting systems, arXiv 2510.16218 and earlier work cited there.
     """
+    check_type("point", point, Bifurcation, "one of `branch.bifurcations` or `branch.peaks`")
     refuse_single_precision("bifurcation_curve", point.branch.points["x0"])
     first = point.branch.path
     if set(bounds) != {first, path} or first == path:

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._jax.packing import Packed, pack
 from .._orbits.sequence import Sequence
-from .batches import PAIRS, Stock, call, compiled_steps, in_parts, joined, stacked
+from .batches import SINGLES, Stock, call, compiled_steps, in_parts, joined, stacked
 from .kernels import (
     ROOM_OF_SIMULATION,
     CorrectedCycle,
@@ -53,7 +53,7 @@ class StepBatch:
         """Answer all requests: plain steps are taken up to the first one that is not plain, or a few of them."""
         num = len(self)
         form = self.stock.form(num)
-        replies = {} if form is PAIRS else self._simulated()
+        replies = {} if form is SINGLES else self._simulated()
         state = self._joined()
         if state is None:
             return replies

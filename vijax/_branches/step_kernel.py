@@ -4,6 +4,7 @@ A step corrects a cycle and, if it is plain, simulates the machine from its star
 requested as well, to locate events for instance. They run in the same program, so that a process compiles one.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -128,16 +129,16 @@ def take_steps(
         point, ds = state.found.point.unpacked(), state.found.next_ds
         target = jnp.where(state.number == 0, requests.target, jnp.nan)
         if known is None:
-            guess = jax.vmap(_prediction)(point, ds, target, state.is_live)
-            seen = jax.vmap(corrected_cycle)(families, requests.sequence, *guess)
+            guess = each_row(_prediction)(point, ds, target, state.is_live)
+            seen = each_row(corrected_cycle)(families, requests.sequence, *guess)
         else:
             seen = known.unpacked()
-        seen = jax.vmap(_with_past)(seen, point, ds)
-        sound, plain, length = jax.vmap(_judged)(requests, point, seen, ds)
+        seen = each_row(_with_past)(seen, point, ds)
+        sound, plain, length = each_row(_judged)(requests, point, seen, ds)
         has_motion = (plain | requests.simulates) & state.is_live
         simulated = partial(_simulated, room=room)
-        motion = jax.vmap(simulated)(families, requests, point, seen, has_motion)
-        is_followed = jax.vmap(is_followed_or_unstable)(requests.sequence, seen, motion)
+        motion = each_row(simulated)(families, requests, point, seen, has_motion)
+        is_followed = each_row(is_followed_or_unstable)(requests.sequence, seen, motion)
         is_taken = plain & is_followed & (state.left > 0) & state.is_live
         return _Trial(seen, sound, is_taken, has_motion, length, motion)
 
@@ -175,7 +176,7 @@ def first_corrections(
 ) -> CorrectedCycle:
     """Corrected cycles of the first try of `take_steps`, in the form for many branches."""
     all_ = jnp.ones(len(ds), bool)
-    guess = jax.vmap(_prediction)(points.unpacked(), ds, requests.target, all_)
+    guess = each_row(_prediction)(points.unpacked(), ds, requests.target, all_)
     return corrected_cycles(families, requests.sequence, *guess)
 
 
@@ -276,3 +277,19 @@ def blank_cycle(
     watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros(), grip)
     margins, past = Margins(events, none, none, none), zeros(PAST) + np.nan
     return CorrectedCycle(found, watched, margins, zeros(size), past)
+
+
+def each_row(function: Callable) -> Callable:
+    """`jax.vmap` of a function along the first axis; of a batch of one the function itself.
+
+    Under `vmap` every choice computes both sides, and every loop selects what it carries: a program of one branch without
+    it has a third fewer operations.
+    """
+
+    def of_rows(*rows: Any) -> Any:
+        if len(jax.tree.leaves(rows)[0]) > 1:
+            return jax.vmap(function)(*rows)
+        found = function(*jax.tree.map(lambda a: a[0], rows))
+        return jax.tree.map(lambda a: a[None], found)
+
+    return of_rows

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .._jax.arrays import refuse_single_precision
+from .._jax.arrays import check_type, refuse_single_precision
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
@@ -53,6 +53,7 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     References:
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990), Ch. 8.
     """
+    check_type("point", point, Bifurcation, "one of `branch.bifurcations`")
     refuse_single_precision("switch_branch", point.branch.points["x0"])
     if point.kind == Kind.NEIMARK_SACKER:
         raise ValueError(

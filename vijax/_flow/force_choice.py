@@ -16,6 +16,8 @@ from .taylor import TaylorFlow
 
 # Operations of all coefficients, written out, beyond which a program takes too long to compile.
 _MOST_OPERATIONS = 10_000
+# Share of the tolerance where powers begin and end: close to these the steps shrink, and all err to the same side.
+_OF_POWERS, _LEAST = 1e-2, 1e-15
 
 _warned: set[str] = set()
 
@@ -26,6 +28,8 @@ def why_no_series(system: ImpactSystem) -> str | None:
         plan = _plan(system)
     except Refused as refused:
         return f"The force uses `{refused.operation}`, which has no Taylor series here."
+    if plan.has_infinite_slopes:
+        return "The force has a power below 1, or a root, whose slope is infinite where it begins."
     if plan.num_operations(TaylorFlow().order) > _MOST_OPERATIONS:
         return "The force has too many operations for Taylor series written out."
     return None
@@ -33,7 +37,10 @@ def why_no_series(system: ImpactSystem) -> str | None:
 
 def force_flow(system: ImpactSystem, wanted: TaylorFlow) -> ForceFlow:
     """Flow of a machine with a force of which `why_no_series` is None."""
-    return ForceFlow(wanted.order, wanted.tolerance, _plan(system).num_switches)
+    plan, tolerance = _plan(system), wanted.tolerance
+    if plan.has_closing_powers:
+        tolerance = min(tolerance, max(tolerance * _OF_POWERS, _LEAST))
+    return ForceFlow(wanted.order, tolerance, plan.num_switches)
 
 
 def _plan(system: ImpactSystem) -> Any:

@@ -91,7 +91,9 @@ class ForceFlow(ExpandingFlow):
         motion = force_series(plan, machine, state, hold, modes, order, fence=fence)
         sizes = jacobian_sizes(machine, motion.series, order)
         call = compute_once if fence else _plainly
-        limit = call(_limit, machine, motion.x, *sizes, tolerance)
+        limit = call(
+            partial(_limit, has_powers=plan.has_closing_powers), machine, motion.x, *sizes, tolerance
+        )
         limit = time_limit(self._plan(machine), machine, state, modes, limit, order, tolerance)
         limit = _consistent(
             self._plan(machine), machine, state, hold, modes, motion, limit, tolerance, direction
@@ -312,9 +314,12 @@ def _at_pace(machine: Machine, pace: Scalar) -> Machine:
     return eqx.tree_at(lambda m: (m.rate, m.timescale), machine, (1 / timescale, timescale))
 
 
-def _limit(machine: Machine, x: list[Array], by_x: list[Any], by_v: list[Any], tolerance: float) -> Scalar:
+def _limit(
+    machine: Machine, x: list[Array], by_x: list[Any], by_v: list[Any], tolerance: float, *, has_powers: bool
+) -> Scalar:
     """Longest step by rules 1 and 2, and for which the phase of the load is right."""
-    limit = jnp.minimum(motion_limit(x, tolerance), derivative_limit(by_x, by_v, tolerance, x[0][0]))
+    of_derivatives = derivative_limit(by_x, by_v, tolerance, x[0][0], has_powers=has_powers)
+    limit = jnp.minimum(motion_limit(x, tolerance), of_derivatives)
     fastest = machine.fastest
     limit = jnp.where(
         fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit

@@ -65,7 +65,9 @@ def force_series(
         fence: whether XLA computes each order once, needed outside of `lanes_last`.
     """
     assert machine.extra is not None
-    series = series_of(plan, machine.extra.force, machine.clock(state), like=state.x, modes=modes)
+    at_knot = () if state.memory is None else [entered != 0 for entered in state.memory.entered]
+    clock = machine.clock(state)
+    series = series_of(plan, machine.extra.force, clock, like=state.x, modes=modes, at_knot=at_knot)
     x, v, phase, force = [state.x], [state.v], [state.phase], []
     call = compute_once if fence else _plainly
     for k in range(order):

@@ -10,6 +10,7 @@
    shows in no coefficient either.
 """
 
+from collections.abc import Callable
 from math import factorial, log2
 from typing import Any
 
@@ -31,8 +32,8 @@ from .series import derivative, horner
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
 # Impulse of the contradiction at the end of a step, in tolerances: its mean over the step is far smaller, but not that of a power
-# that begins.
-_SLACK, _OF_CLOSING = 1e3, 1e-2
+# that begins. What such a power adds to the derivatives of the motion begins with a lower power of time, so it must be far smaller.
+_SLACK, _OF_CLOSING = 1e3, 1e-7
 # Radius of the disc on which functions of time are bounded, in lengths of the step, and halvings of a step.
 _DISC = 6.0
 _MOST_HALVINGS = 60
@@ -40,24 +41,31 @@ _MOST_HALVINGS = 60
 
 def motion_limit(x: list[Array], tolerance: float) -> Scalar:
     """Rule 1: longest step for which the last two coefficients of the positions are below the tolerance."""
-    bias = _BITS[str(x[0].dtype)][2]
-    order, eps = len(x) - 1, float(jnp.finfo(x[0].dtype).eps)
-    size = lambda a, k: _log2(jnp.max(jnp.abs(a[k]), axis=0))  # noqa: E731
-    known = [(k, size(x, k) + log2(eps if k == 0 else tolerance)) for k in range(min(4, order - 1))]
+    eps = float(jnp.finfo(x[0].dtype).eps)
+    return _limit_of_last(lambda k: jnp.max(jnp.abs(x[k]), axis=0), len(x) - 1, [eps, *[tolerance] * 3])
+
+
+def _limit_of_last(of: Callable[[int], Array], order: int, tolerances: list[float]) -> Scalar:
+    """Longest step for which the last two terms up to an order are below one of the first, each times its tolerance."""
+    bias = _BITS[str(of(0).dtype)][2]
+    known = [(k, _log2(of(k)) + log2(least)) for k, least in enumerate(tolerances[: order - 1])]
     limits = []
     for k in (order - 1, order):
-        last = size(x, k)
+        last = _log2(of(k))
         room = largest([(allowed - last) * (1 / (k - j)) for j, allowed in known])
         limits.append(jnp.where(last <= 1 - bias, bias, room))
     return _SHARE * _exp2(jnp.minimum(*limits))
 
 
-def derivative_limit(by_x: list[Any], by_v: list[Any], tolerance: float, like: Array) -> Scalar:
+def derivative_limit(
+    by_x: list[Any], by_v: list[Any], tolerance: float, like: Array, *, has_powers: bool = False
+) -> Scalar:
     """Rule 2: longest step for which the derivatives of the motion by its start are right.
 
     They obey w'' = K(t) w + D(t) w'. With k_m, d_m the largest row sums of the m-th coefficients, their own coefficients are
     below those of phi'' = k phi + d phi': one scalar recurrence for all directions and any number of masses, to which the
-    rule of the last two coefficients applies.
+    rule of the last two coefficients applies. Where a power begins, steps are far shorter than the time scale of the machine: there
+    the last coefficients of phi' must be small against its first ones too, or series are used beyond their radius of convergence.
     """
     order = len(by_x)
     zero = jnp.zeros_like(like)
@@ -74,7 +82,10 @@ def derivative_limit(by_x: list[Any], by_v: list[Any], tolerance: float, like: A
         phi.append(total * (1 / (q * (q - 1))))
         slope.append(q * phi[q])
     room = [(log2(tolerance) - _log2(phi[k])) * (1 / k) for k in (order - 1, order)]
-    return _SHARE * _exp2(jnp.minimum(*room))
+    limit = _SHARE * _exp2(jnp.minimum(*room))
+    if not has_powers:
+        return limit
+    return jnp.minimum(limit, _limit_of_last(slope.__getitem__, order - 1, [tolerance] * 4))
 
 
 def time_limit(
@@ -108,6 +119,19 @@ def time_limit(
     is_on = lambda carry: carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
     found, _, _ = jax.lax.while_loop(is_on, halve, (limit, is_wild(limit), jnp.zeros(limit.shape, int)))
     return found
+
+
+def _felt(machine: Machine, state: State, motion: ForceSeries) -> Array:
+    """Change of the force if every position and velocity changed by itself; its rounding follows from theirs.
+
+    At rest on an equilibrium the terms of a force cancel inside of it, as in sin(x) at pi: its own size tells nothing.
+    """
+    series, (x, v) = motion.series, in_space(machine, state.phase, state.x, state.v)
+    rows = [jnp.zeros_like(a) for a in state.x]
+    for entries, of in ((series.by_x(0), x), (series.by_v(0), v)):
+        for (i, j), entry in entries.items():
+            rows[i] = rows[i] + jnp.abs(entry * of[j])
+    return jnp.stack(rows)
 
 
 def _tiny(like: Array) -> float:
@@ -153,16 +177,14 @@ def is_consistent(
         plan, machine.extra.force, machine.clock(state) + step, *in_space(machine, phase, x, v), modes
     )
     load = machine.load(phase)
-    terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own
+    terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own, _felt(machine, state, motion)
     a = machine.contacts.accelerations(load - terms[1] - terms[2] + own, hold, phase)
     defect = jnp.max(jnp.abs(a - horner(derivative(motion.v), step)), axis=0)
     speed = jnp.max(jnp.maximum(jnp.abs(v), jnp.abs(state.v)), axis=0)
     rounding = jnp.max(machine.contacts.inverse_mass_size(add_up([jnp.abs(term) for term in terms])), axis=0)
-    most = (
-        tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
-        + 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
-    )
-    share: Any = _SLACK
+    motion_size = tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
+    blur = 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
+    most = _SLACK * (motion_size + blur)
     if plan.has_closing_powers:
-        share = jnp.where(is_entering(state.memory), _OF_CLOSING, share)
-    return jnp.isfinite(defect) & (step * defect <= share * most)
+        most = jnp.where(is_entering(state.memory), _OF_CLOSING * motion_size + blur, most)
+    return jnp.isfinite(defect) & (step * defect <= most)

@@ -23,7 +23,7 @@ from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import numbers_of
 from .._system.forcing import Harmonic
-from .._system.system import AnySystem, with_args
+from .._system.system import AnySystem, machine_of, with_args
 from .._system.waves import phase_at
 from .sticking import is_pressed
 
@@ -212,6 +212,7 @@ def sticking_region(system: AnySystem, held: int | Sequence[int]) -> StickingReg
     References:
         Wagg & Bishop (2004), Eqs. 18-20, Sec. 4.6.2, Fig. 12.
     """
+    system = machine_of(system)
     if system.force is not None:
         raise ValueError(_NOT_LINEAR)
     stops = (held,) if isinstance(held, int | np.integer) else tuple(held)

@@ -132,6 +132,12 @@ def refuse_single_precision(who: str, *given: Any) -> None:
         )
 
 
+def check_type(name: str, value: Any, kinds: type | tuple[type, ...], words: str) -> None:
+    """Reject an argument of another type; `words` say what it must be."""
+    if not isinstance(value, kinds):
+        raise ValueError(f"Argument `{name}` must be {words}, but is a {type(value).__name__}.")
+
+
 def whole_number(name: str, value: Any, least: int = 0) -> int:
     """Convert an integer of Python or NumPy to `int`; refuse anything else.
 

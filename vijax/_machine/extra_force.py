@@ -34,13 +34,15 @@ class ExtraForce(eqx.Module):
     def rate(self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."], mass: Array) -> Scalar:
         """Estimate, from one state, of the frequency or decay rate that the force adds to the motion; a constant.
 
-        Its derivatives are infinite where a force has no slope, and would only be those of step lengths.
+        Its derivatives are infinite where a force has no slope, and would only be those of step lengths. Where a force has an
+        infinite slope itself, or none, it adds nothing: x sqrt(abs(x)) has 0 * inf at 0.
         """
 
         def of_one(force, t, x, v, mass):
             by_x, by_v = jax.jacfwd(force, (1, 2))(t, x, v)
             root = jnp.sqrt(mass)
             w2, d = (jnp.linalg.norm(a / (root[:, None] * root[None])) for a in (by_x, by_v))
-            return (d + jnp.sqrt(d * d + 4 * w2)) / 2
+            rate = (d + jnp.sqrt(d * d + 4 * w2)) / 2
+            return jnp.where(jnp.isfinite(rate), rate, 0.0)
 
         return jax.lax.stop_gradient(over_lanes(of_one, x, self.force, t, x, v, mass))

@@ -5,7 +5,7 @@ import xarray as xr
 
 from .._branches.branch import Branch
 from .._dataset_attributes import versions
-from .._jax.arrays import Count, refuse_single_precision, whole_number
+from .._jax.arrays import Count, check_type, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles, tqdm
 from .tangency_search import Saddles, Tangency, TangencySearch
@@ -85,6 +85,7 @@ def _parts(branch: Branch) -> list[np.ndarray]:
     Raises:
         ValueError: if there is none.
     """
+    check_type("branch", branch, Branch, "a branch, one that `vx.continuation` or `vx.branches` returned")
     refuse_single_precision("homoclinic_tangencies", branch.points["x0"])
     if not branch.points.attrs["num_periods"]:
         raise ValueError(

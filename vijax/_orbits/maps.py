@@ -136,8 +136,9 @@ def monodromy_matrix(
         Wagg & Bishop (2004), Sec. 2.2; M. di Bernardo et al., Piecewise-smooth Dynamical Systems
         (2008), Sec. 2.5.
     """
-    n = system.num_coordinates
-    start = jnp.concatenate(machine_of(system).start_of(as_float(x0), as_float(v0)))
+    machine = machine_of(system)
+    n = machine.num_coordinates
+    start = jnp.concatenate(machine.start_of(as_float(x0), as_float(v0)))
 
     def strobe(y: Float[Array, " state"]) -> Float[Array, " state"]:
         end = stroboscopic_map(

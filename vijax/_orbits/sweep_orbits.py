@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from .._dataset_checks import check_is_dataset
 from .._execution.tasks import as_executor
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
@@ -61,6 +62,7 @@ def periodic_orbits(
         abs(orbits.multipliers).max("multiplier")
         ```
     """
+    check_is_dataset(ds, "ds", "`vx.sweep`")
     refuse_single_precision("periodic_orbits", ds.get("x"))
     room = whole_number("max_events", max_events, 1)
     workers = None if executor is None else as_executor(executor)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from .._jax.program_store import ProgramStore, program_store
-from .._system.system import AnySystem
+from .._system.system import AnySystem, machine_of
 from .process import Precompilation
 from .shipment import packed_shipment
 
@@ -51,6 +51,7 @@ def precompile(machine: AnySystem, calls: Sequence[str] | str, wait: bool = Fals
         vx.precompile(system, ["simulate", "sweep", "continuation"])
         ```
     """
+    machine_of(machine)
     names = checked_calls(calls)
     store = writable_store()
     found = Precompilation(names, packed_shipment(machine, names, store.folder))

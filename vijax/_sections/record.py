@@ -1,7 +1,7 @@
 """The impacts of a trajectory or a sweep in one form: a flat list, without padding."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -9,6 +9,7 @@ import xarray as xr
 
 from .._dataset_checks import check_columns
 from .._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK
+from .._jax.arrays import check_type
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
 from .._system.force_description import NAMED_FORCE
@@ -72,17 +73,24 @@ def labelled(
     return xr.Dataset(variables, coords={name: c for name, c in coordinates.items() if used >= set(c.dims)})
 
 
+def check_source(source: Any) -> None:
+    """Reject what is neither a solution nor a dataset."""
+    check_type("source", source, (Solution, xr.Dataset), "what `vx.simulate` or `vx.sweep` returned")
+
+
 def stop_masses(source: Solution | xr.Dataset) -> np.ndarray:
     """Mass of each stop, (stops,)."""
     if isinstance(source, Solution):
         contacts = source.machine.contacts
         return np.array(contacts.masses[: contacts.num_stops], int)
+    check_source(source)
     check_columns(source, "`vx.sweep`", {"stop_mass": ("stop",)})
     return source["stop_mass"].values
 
 
 def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
     """Forcing period of every point, (points,)."""
+    check_source(source)
     if isinstance(source, xr.Dataset):
         check_columns(source, "`vx.sweep`", {"forcing_period": ()})
         return flattened_points(source, source["forcing_period"])

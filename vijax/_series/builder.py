@@ -185,8 +185,9 @@ class Builder:
             return self.compute(lambda a, p: power(a, p, is_clipped), (a, p), ("power", is_clipped))
 
         def make() -> int:
-            inverse = self.add(PowerReciprocal(self.new(), (a,), is_clipped))
-            plain = self.add(Power(self.new(), (a, p, inverse), is_clipped))
+            modes = self._modes_of(self._chooser(a)) if is_clipped else ()
+            inverse = self.add(PowerReciprocal(self.new(), (a,), is_clipped, modes))
+            plain = self.add(Power(self.new(), (a, p, inverse), is_clipped, modes))
             return self._closing(plain, a, float(p)) if is_clipped and is_known(p) else plain
 
         return self.once(("power", a, key_of(p)), make)

@@ -24,9 +24,11 @@ class Read(abc.ABC):
 
     Attributes:
         fresh: for the series of every mode, whether it has just changed, if the series are in the root of time; else None.
+        at_knot: for the series of every mode, whether its guard is at a knot.
     """
 
     fresh: dict[int, Coefficient] | None
+    at_knot: dict[int, Coefficient]
 
     @abc.abstractmethod
     def __call__(self, operand: Operand, k: int) -> Coefficient:

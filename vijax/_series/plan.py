@@ -19,6 +19,7 @@ from .jacobian import derivatives
 from .operations import Fixed, Integral, Linear, Operand, Operation, Product, Slope
 from .powers import ClosingPower, Power
 from .primitives import series_of
+from .slopes import has_infinite_slope
 from .switches import Switch
 
 
@@ -36,6 +37,7 @@ class Plan:
         by_v: the same by velocities.
         switches: choices between branches.
         has_jacobian: whether the derivatives have series.
+        has_infinite_slopes: whether any of these is infinite where a power begins.
         lanes: arrays have a last axis of lanes.
         is_given: for each array of the force, whether its numbers are given, or else known.
     """
@@ -49,6 +51,7 @@ class Plan:
     by_v: dict[tuple[int, int], Operand]
     switches: tuple[Switch, ...]
     has_jacobian: bool
+    has_infinite_slopes: bool
     lanes: bool
     is_given: tuple[bool, ...]
 
@@ -146,6 +149,7 @@ def plan_force(force: Any, num_masses: int, *, lanes: bool = False, jacobian: bo
         by_v,
         switches,
         jacobian,
+        has_infinite_slope(build.operations, [*by_x.values(), *by_v.values()]),
         lanes,
         tuple(not yes for yes in is_constant),
     )

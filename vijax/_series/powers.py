@@ -12,14 +12,15 @@ from .operations import Coefficient, Fixed, Operand, Operation, Read, is_known, 
 
 @dataclass(eq=False, frozen=True)
 class PowerReciprocal(Fixed):
-    """1 / a_0, and zero where a_0 is; `is_clipped` as of `Power`."""
+    """1 / a_0, and zero where a_0 is; `is_clipped` and `modes` as of `Power`."""
 
     is_clipped: bool
+    modes: tuple[int, ...] = ()
 
     def coefficient(self, read: Read, k: int) -> Coefficient:
         if k:
             return None
-        a = read(self.args[0], 0)
+        a = _from_knot(read, self.args[0], self.modes)
         is_zero = _is_off(a, self.is_clipped)
         return jnp.where(is_zero, 0.0, 1 / jnp.where(is_zero, 1.0, a))
 
@@ -32,9 +33,12 @@ class Power(Operation):
 
     Attributes:
         is_clipped: a is not negative but by rounding, because a branch was chosen.
+        modes: series of the modes that choose the branch: at a knot of these a is zero, and what rounding leaves of it is no
+            distance, of which the coefficients would overflow.
     """
 
     is_clipped: bool
+    modes: tuple[int, ...] = ()
 
     @property
     def sources(self) -> tuple[Operand, ...]:
@@ -44,7 +48,7 @@ class Power(Operation):
         a, p, inverse = self.args
         exponent = float(p) if is_known(p) else read(p, 0)
         if k == 0:
-            return power(read(a, 0), exponent, self.is_clipped)
+            return power(_from_knot(read, a, self.modes), exponent, self.is_clipped)
         return times(read(inverse, 0), power_sum(read, a, self.out, exponent, k))
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
@@ -138,9 +142,13 @@ def power_sum(read: Read, a: Operand, y: Operand, p: Coefficient, k: int) -> Coe
 
 
 def power(a: Coefficient, p: Coefficient, is_clipped: bool) -> Coefficient:
-    """a^p, with a derivative of zero where a is zero, or below if `is_clipped`."""
+    """a^p, with a derivative of zero where a is zero, or below if `is_clipped`.
+
+    There the slope of a known power below 1 counts as zero too: what it is multiplied with is zero, see `slopes.py`.
+    """
     is_zero = _is_off(a, is_clipped)
-    at_zero = jnp.where(jnp.greater(p, 0), 0.0, jnp.where(jnp.equal(p, 0), 1.0, jnp.inf))
+    negative = 0.0 if is_clipped and isinstance(p, float) else jnp.inf
+    at_zero = jnp.where(jnp.greater(p, 0), 0.0, jnp.where(jnp.equal(p, 0), 1.0, negative))
     return jnp.where(is_zero, at_zero, jnp.power(jnp.where(is_zero, 1.0, a), p))
 
 
@@ -162,6 +170,15 @@ class CubeRoot(Operation):
 
     def num_operations(self, k: int) -> int:
         return 4 * k + 1 if k else 60
+
+
+def _from_knot(read: Read, a: Operand, modes: tuple[int, ...]) -> Coefficient:
+    """a_0, zero at a knot of its modes."""
+    found = read(a, 0)
+    for mode in modes:
+        if mode in read.at_knot:
+            found = jnp.where(read.at_knot[mode], 0.0, found)
+    return found
 
 
 def _is_off(a: Coefficient, is_clipped: bool) -> Coefficient:

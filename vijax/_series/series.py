@@ -23,6 +23,7 @@ class Series(eqx.Module):
         given: time, numbers of the force and modes, of order 0.
         like: array of the shape of the positions.
         fresh: flags of the modes that have just changed, by the series of the mode, for series in the root of time; else None.
+        at_knot: flags of the modes whose guards are at a knot, by the series of the mode.
         plan: operations.
         fence: whether XLA computes each order once, not once for each result that needs it.
     """
@@ -31,6 +32,7 @@ class Series(eqx.Module):
     given: tuple[Any, list[Any], list[Any]]
     like: Array
     fresh: dict[int, Any] | None
+    at_knot: dict[int, Any]
     plan: Plan = eqx.field(static=True)
     fence: bool = eqx.field(static=True, default=False)
 
@@ -88,6 +90,7 @@ def series_of(
     like: Array,
     modes: Any = (),
     fresh: Any = None,
+    at_knot: Any = (),
     fence: bool = False,
 ) -> Series:
     """Series without coefficients yet.
@@ -100,13 +103,16 @@ def series_of(
         modes: number of knots below the guard of every switch.
         fresh: flags of the modes that have just changed: the series are then in w, with time t + w^2, so that x' = 2 w v and
             v' = 2 w a. A contact that closes by a power has such a series alone, see `Plan.is_singular`.
+        at_knot: flags of the modes whose guards are at a knot, so that powers that begin there are zero to the last digit;
+            none are if left out.
         fence: whether XLA computes each order once.
     """
     if len(modes) != plan.num_switches:
         raise ValueError(f"The force has {plan.num_switches} switches, but {len(modes)} modes are given.")
     given = t, plan.numbers(force), [modes[j] for j in range(len(modes))]
     flags = None if fresh is None else {w.mode: fresh[j] for j, w in enumerate(plan.switches)}
-    return Series((), given, like, flags, plan, fence)
+    at = {w.mode: flag for w, flag in zip(plan.switches, at_knot, strict=False)}
+    return Series((), given, like, flags, at, plan, fence)
 
 
 def force_at(plan: Plan, force: Any, t: Any, x: Any, v: Any, modes: Any = ()) -> Array:
@@ -129,7 +135,7 @@ def next_row(series: Series, x: Any, v: Any) -> Row:
     first = 1 + plan.num_numbers
     row[first : first + 2 * n] = [*(x[i] for i in range(n)), *(v[i] for i in range(n))]
 
-    read = _Rows((*series.rows, row), series.fresh)
+    read = _Rows((*series.rows, row), series.fresh, series.at_knot)
     for operation in plan.operations:
         row[operation.out] = operation.coefficient(read, k)
     return tuple(row)
@@ -138,8 +144,8 @@ def next_row(series: Series, x: Any, v: Any) -> Row:
 class _Rows(Read):
     """Coefficients order by order."""
 
-    def __init__(self, rows: Sequence[Sequence[Coefficient]], fresh: dict[int, Coefficient] | None):
-        self._rows, self.fresh = rows, fresh
+    def __init__(self, rows: Sequence[Sequence[Coefficient]], fresh: dict | None, at_knot: dict):
+        self._rows, self.fresh, self.at_knot = rows, fresh, at_knot
 
     def __call__(self, operand: Operand, k: int) -> Coefficient:
         if is_known(operand):

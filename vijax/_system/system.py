@@ -351,8 +351,14 @@ def mass_matrix(mass: Any) -> np.ndarray:
 
 
 def machine_of(system: AnySystem) -> ImpactSystem:
-    """The machine itself, or that of a family at its values, whose force is bound."""
-    return system.bound_system if isinstance(system, AbstractFamily) else system
+    """The machine itself, or that of a family at its values, whose force is bound; nothing else is accepted."""
+    machine = system.bound_system if isinstance(system, AbstractFamily) else system
+    if not isinstance(machine, ImpactSystem):
+        raise ValueError(
+            f"Argument `system` must be one machine, a `vx.ImpactSystem`, but is a {type(system).__name__}: call this for each "
+            "machine, or sweep the numbers in which they differ."
+        )
+    return machine
 
 
 def _check_parts(forcing: Any, stops: Any, friction: Any, hysteresis: Any) -> None:
@@ -434,13 +440,7 @@ def with_args(system: AnySystem, args: object) -> ImpactSystem:
 
     For the force see `bind_args`. Frequencies that stops were given after the machine was built are removed.
     """
-    system = machine_of(system)
-    if not isinstance(system, ImpactSystem):
-        raise ValueError(
-            f"Argument `system` must be one machine, a `vx.ImpactSystem`, but is a {type(system).__name__}: call this for each "
-            "machine, or sweep the numbers in which they differ."
-        )
-    system = in_full_precision(system)
+    system = in_full_precision(machine_of(system))
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
         same = _of_one_frequency(system.forcing, system.stops)
         system = eqx.tree_at(lambda s: (s.forcing, s.stops), system, same)

@@ -122,7 +122,7 @@ class Leg(NamedTuple):
 
 
 class LoopTask(AbstractTask):
-    """Loop body with everything it depends on, so that derivatives see it."""
+    """Loop body with everything it depends on, so that derivatives see it; `watches_grazing` if `Solution.grazing` is wanted."""
 
     flow: AbstractFlow
     machine: Machine
@@ -135,6 +135,7 @@ class LoopTask(AbstractTask):
     max_steps: Int[Array, "..."]
     last_step: Int[Array, "..."]
     max_events: Int[Array, "..."]
+    watches_grazing: bool = eqx.field(static=True, default=True)
 
     def is_live(self, carry: Carry) -> Bool[Array, "..."]:
         """True where this call has work left: a finite motion, steps, goals, and room in the log."""
@@ -155,7 +156,9 @@ class LoopTask(AbstractTask):
         leg = self.fly_on(state, carry.goal)
         after, instant = leg.after, leg.instant
         is_saved = live & leg.is_goal
-        grazing = update_grazing(self.machine, state, after, instant, carry.grazing, live)
+        grazing = carry.grazing
+        if self.watches_grazing:
+            grazing = update_grazing(self.machine, state, after, instant, grazing, live)
         after = self.next_period(leg)
         x, v = self.machine.in_space(after)
         time = self.t0 + state.periods * self.machine.period + instant.time
@@ -311,19 +314,23 @@ def is_over(task: LoopTask, last: Carry, request: LoopArguments) -> Bool[Array, 
     return request.is_last & (last.goal >= task.num_goals)
 
 
+def result_of(task: LoopTask, last: Carry, request: LoopArguments) -> RESULTS:
+    """How the trajectory of this call ended."""
+    mode, is_full = last.state.mode, last.log.num_events > request.max_events
+    result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
+    result = RESULTS.where(is_over(task, last, request), result, RESULTS.max_steps_reached)
+    result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
+    if mode is not None and mode.paradox is not None:
+        result = RESULTS.where(mode.paradox, RESULTS.friction_paradox, result)
+    return RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
+
+
 def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices) -> Solution:
     """Trajectory with the events and saved states of this call."""
     machine, t0, t1 = task.machine, task.t0, request.t1
     state, log, ts = last.state, last.log, request.goals
     is_reached = (jnp.arange(ts.size) < last.goal)[:, None]
-    is_done = is_over(task, last, request)
-    is_full = log.num_events > request.max_events
-    result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
-    result = RESULTS.where(is_done, result, RESULTS.max_steps_reached)
-    result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
-    if state.mode is not None and state.mode.paradox is not None:
-        result = RESULTS.where(state.mode.paradox, RESULTS.friction_paradox, result)
-    result = RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
+    is_done, is_full = is_over(task, last, request), log.num_events > request.max_events
     x1, v1 = machine.in_space(state)
     num_stops, num_sliders = machine.contacts.num_stops, machine.contacts.num_sliders
     # A contact that friction keeps closed holds too, without a force.
@@ -342,7 +349,7 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         num_steps=last.steps,
         num_rejected=task.flow.num_rejected(state.memory),
         grazing=last.grazing,
-        result=result,
+        result=result_of(task, last, request),
         t0=t0,
         t1=t1,
         prepared=pack((machine, task.flow)),

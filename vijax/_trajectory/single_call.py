@@ -1,6 +1,7 @@
 """Trajectories in one call, with room for the whole request: differentiable, alone or batched."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -23,6 +24,7 @@ from .loop import (
     LoopTask,
     finish,
     prepare_loop,
+    result_of,
     run_prepared,
     steps_fit_one_kernel,
 )
@@ -126,6 +128,6 @@ def run_for_log(
     """Follow a trajectory without derivatives; its log, result code and end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
     task, carry = prepare_loop(numbers, flow, request, choices)
+    task = replace(task, watches_grazing=False)
     last = while_any(task, in_lanes_of(request.x0, carry))
-    solution = finish(task, last, request, choices)
-    return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
+    return last.log, result_of(task, last, request), jnp.concatenate(task.machine.in_space(last.state))

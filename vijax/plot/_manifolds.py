@@ -5,6 +5,7 @@ from typing import Any
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._dataset_checks import check_is_dataset
 from ._axes import check_index, create_axes, label_if_new, label_phase_plane
 from ._colors import curve_colors, ink, merge_style, with_lightness
 from ._labels import Units
@@ -54,6 +55,7 @@ def manifolds(
     References:
         J. Guckenheimer & P. Holmes, Nonlinear Oscillations (1983), Sec. 4.5.
     """
+    check_is_dataset(curves, "curves", "`vx.manifolds`")
     if "piece" not in curves or not curves["kind"].ndim or not curves.sizes["branch"]:
         raise ValueError("Argument `curves` must be what `vx.manifolds` returned, or some of its branches.")
     check_index("mass", mass, curves.sizes["mass"])

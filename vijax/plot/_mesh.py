@@ -7,12 +7,14 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection, QuadMesh
 
+from .._jax.arrays import check_type
 from ._colors import ink, merge_style
 from ._labels import Units, axis_label
 
 
 def check_plane(values: xr.DataArray, picture: str, quantities: str = "swept") -> None:
     """Raise unless the array spans two quantities of two values or more."""
+    check_type("values", values, xr.DataArray, "an array of the dataset, as `ds[name]`")
     dims, shape = list(values.dims), values.shape
     if len(dims) != 2:
         raise ValueError(

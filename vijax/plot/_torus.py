@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from .._dataset_checks import check_is_dataset
 from ._axes import check_index, label_phase_plane
 from ._colors import merge_style, ordered_colors
 from ._labels import Units
@@ -63,6 +64,7 @@ def torus(
         axes = vx.plot.torus(vx.follow_torus(point, (1.54, 1.6)))
         ```
     """
+    check_is_dataset(ds, "ds", "`vx.follow_torus`")
     if "rotation_number" not in ds or not ds.sizes["point"]:
         raise ValueError("Argument `ds` holds no invariant circle: give what `vx.follow_torus` returned.")
     check_index("mass", mass, ds.sizes["mass"])
