@@ -143,7 +143,7 @@ def test_relative_motion_is_the_distance_along_the_row(sol):
     ax = vx.plot.relative_motion(sol, 1, num_samples=SAMPLES)
     name = "$x_{0} - x_{1}$"
     assert words_of_legend(ax) == [name, "contact 1", "held by contact 1", "impact"]
-    assert ax.get_ylabel() == f"{name}"
+    assert ax.get_ylabel() == f"Relative position {name}"
     line, limit, held, impacts = ax.lines
     t, x = line.get_data()
     at = np.asarray(sol.evaluate(t)[0])

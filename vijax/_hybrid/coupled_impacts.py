@@ -30,6 +30,7 @@ from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
 from .complementarity import solve_complementarity
 from .just_after import just_after, sign_just_after
+from .own_times import contacts_at_own_times
 from .sticking import (
     chatter_is_complete,
     chatter_time,
@@ -112,7 +113,9 @@ def impact(
     q = -(1 + restitution) * speed
     _, impulse, rest = solve_complementarity(machine.contacts.compliance, q, instant.hit | closed)
     after, instant, is_open = after_impulses(machine, state, instant, struck, impulse, rest)
-    return after, instant, is_open, impulse
+    names = lambda s: (s.x, s.v, s.gap)  # noqa: E731
+    moved = contacts_at_own_times(machine, state, instant.hit, closed, *names(after))
+    return eqx.tree_at(names, after, moved), instant, is_open, impulse
 
 
 class Struck(NamedTuple):

@@ -16,6 +16,7 @@ from .._machine.machine import Machine, moving_with, state_before_contact
 from .._machine.state import State
 from .._system.checks import is_touching
 from .law import rebound
+from .own_times import at_own_times
 from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed, usual_speeds
 from .transition import Instant
 
@@ -57,10 +58,10 @@ def resolve(
     """Apply the impacts of this instant, then stick and release masses; the load may jump, see `past_knots`."""
     v_minus = machine.contacts.along(state.v)
     hit = is_event & ~state.held & (v_minus > 0)
-    x, v = rebound(machine, state, hit)
+    x, v, closed = at_own_times(machine, state, hit, *rebound(machine, state, hit))
     # The gap of a hit stop is zero; that on the other side of the mass is recomputed.
     afresh = machine.contacts.sharing_mass(hit)
-    gap = jnp.where(hit, 0, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))
+    gap = jnp.where(hit, closed, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))
     contact = jnp.where(hit, jnp.int8(1), state.contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(gap)

@@ -445,6 +445,10 @@ class Contacts(eqx.Module):
         """Change of positions or velocities of the masses that makes A of it equal to `lack`."""
         return self.inverse_mass_times(self.back(matvec(inertia, lack)))
 
+    def unit_changes(self) -> Float[Array, "contacts n ..."]:
+        """Velocities along M^-1 A^T for which the speed of approach to one contact is 1 if it shares no inertia with others."""
+        return self._weighted() * self.effective_mass[:, None]
+
     def _weighted(self) -> Float[Array, "contacts n ..."]:
         """A M^-1."""
         if not self._has_full_mass:

@@ -1,0 +1,86 @@
+"""Derivatives where several masses hit their stops at one instant: each impact has a time of its own."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import vijax as vx
+
+START, SPAN = np.array([-2.5, -2.5, 0.0, 0.0]), 4.0
+FAR = vx.Contact({0: 1.0, 1: -1.0}, 50.0, 0.5)
+CUSHION = vx.CompliantStop(0, -30.0, "lower", 1.0)
+
+
+def twins(coupling, damping, r=0.6, extra=(), force=None):
+    """Two equal masses with a stop each, in step."""
+    stops = [vx.Stop(i, 1.0, "upper", r) for i in (0, 1)]
+    stiffness = [[1.0 + coupling, -coupling], [-coupling, 1.0 + coupling]]
+    load = vx.Harmonic([0.2, 0.2], 1.3)
+    return vx.ImpactSystem([1.0, 1.0], damping, stiffness, load, [*stops, *extra], force=force)
+
+
+def end(system):
+    n = system.num_masses
+
+    def run(start):
+        sol = vx.simulate(system, 0.0, SPAN, start[:n], start[n:])
+        return jnp.concatenate([sol.x1, sol.v1])
+
+    return run
+
+
+def differences(function, start, step=1e-5):
+    """Central differences, without the error that is linear in the step: on either side another mass hits first."""
+
+    def central(step):
+        return np.stack(
+            [(function(start + e) - function(start - e)) / (2 * step) for e in step * np.eye(len(start))],
+            axis=1,
+        )
+
+    return 2 * central(step / 2) - central(step)
+
+
+def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone():
+    alone = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.2], 1.3), [vx.Stop(0, 1.0, "upper", 0.6)])
+    one = np.asarray(jax.jacfwd(end(alone))(START[[0, 2]]))
+    both = np.asarray(jax.jacfwd(end(twins(0.0, np.diag([0.1, 0.1]))))(START))
+    np.testing.assert_allclose(both, np.kron(one, np.eye(2)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "damping",
+    [[[0.0, 0.0], [0.0, 0.0]], [[0.2, 0.0], [0.0, 0.2]], [[0.3, -0.1], [-0.1, 0.3]]],
+    ids=["none", "on the ground", "between"],
+)
+def test_coupled_masses_have_the_derivatives_of_motions_beside(damping):
+    # With a damper between the masses the derivative is the mean of both sides, as is that of central differences.
+    run = end(twins(1.0, damping))
+    found = np.asarray(jax.jacfwd(run)(START))
+    np.testing.assert_allclose(found, differences(run, START), atol=3e-7)
+    np.testing.assert_allclose(jax.jacrev(run)(START), found, rtol=1e-12, atol=1e-12)
+    swapped = np.kron(np.eye(2), [[0, 1], [1, 0]])
+    np.testing.assert_allclose(swapped @ found @ swapped, found, rtol=1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("extra", [FAR, CUSHION], ids=["contact", "compliant stop"])
+def test_elements_far_away_change_no_derivative(extra):
+    damping = np.diag([0.1, 0.1])
+    plain, more = (np.asarray(jax.jacfwd(end(twins(1.0, damping, extra=e)))(START)) for e in ((), (extra,)))
+    np.testing.assert_allclose(more, plain, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_a_force_has_the_derivatives_of_the_same_springs():
+    springs = twins(1.0, np.diag([0.1, 0.1]))
+    linear = twins(0.0, np.diag([0.1, 0.1]), force=lambda t, x, v, args: x[::-1] - x)
+    one, other = (np.asarray(jax.jacfwd(end(system))(START)) for system in (springs, linear))
+    np.testing.assert_allclose(other, one, atol=1e-10)
+
+
+def test_elastic_impacts_at_one_instant_keep_volumes():
+    """Elastic and undamped: the map keeps volumes, so the product of the multipliers is 1."""
+    run = end(twins(1.0, np.zeros((2, 2)), r=1.0))
+    assert np.linalg.det(np.asarray(jax.jacfwd(run)(START))) == pytest.approx(1.0, abs=1e-11)

@@ -1,0 +1,152 @@
+"""Derivatives of impacts at one instant: each has a time of its own.
+
+Where several masses hit their stops at the same time, as in a symmetric motion, a step ends at the root of one gap. Its time carries
+the derivatives of this gap alone; the other gaps are closed there, but in a motion beside they close a little later or earlier:
+by the delay d = dg / u, of a gap with the derivative dg and the speed of approach u. Until then the mass moves on as before the impact, and
+not as after it. So the position after the impact changes by -v+ d, the velocity by (R a- - a+) d, with the accelerations a- and a+ and the
+linear impact law R (M. di Bernardo et al., Piecewise-smooth Dynamical Systems, 2008, Sec. 2.5). Masses that it pulls by dampers feel
+its old velocity as long. Where dampers join two masses that hit, the derivatives depend on which hits first: these are the mean of
+both orders. Contacts that share inertia, such as those of neighbours in a chain of touching masses, push each other: then the motion itself depends on
+the order, and has no derivative.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._jax.arrays import matvec
+from .._machine.machine import Machine
+from .._machine.state import State
+from .friction_limits import sliding_velocity
+
+
+@eqx.filter_custom_jvp
+def at_own_times(
+    machine: Machine,
+    before: State,
+    hit: Bool[Array, "stops ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "stops ..."]]:
+    """Positions and velocities after impacts, and their gaps, which are zero, with derivatives as if each had its own time.
+
+    Args:
+        machine: with stops of single masses.
+        before: the state before the impacts.
+        hit: flags of the stops hit.
+        x: positions after the impacts.
+        v: velocities after the impacts.
+    """
+    del machine, hit
+    return x, v, jnp.zeros_like(before.gap)
+
+
+@at_own_times.def_jvp
+def _at_own_times_jvp(primals, tangents):
+    machine, before, hit, x, v = primals
+    found = at_own_times(*primals)
+    x_change, v_change = (
+        jnp.zeros_like(a) if t is None else t for a, t in zip((x, v), tangents[3:], strict=True)
+    )
+    gap_change = None if tangents[1] is None else tangents[1].gap
+    if gap_change is None:
+        return found, (x_change, v_change, jnp.zeros_like(before.gap))
+    contacts, hold = machine.contacts, machine.hold(before.held)
+    delay = jnp.where(hit, gap_change / jnp.where(hit, contacts.along(before.v), 1), 0)
+    of_mass = matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), delay)
+
+    def acceleration(x: Array, v: Array) -> Array:
+        state = eqx.tree_at(lambda s: (s.x, s.v), before, (x, v))
+        return contacts.accelerations(machine.total_force(state), hold, before.phase)
+
+    def reflected(change: Array) -> Array:
+        law = lambda v: contacts.reflected(v, hit, jnp.zeros_like(hit), machine.phase_rate(before.phase))  # noqa: E731
+        return jax.jvp(law, (before.v,), (change,))[1]
+
+    def by_dampers(v: Array) -> Array:
+        n = len(v)
+        between = machine.damping * (1 - jnp.eye(n)).reshape(n, n, *[1] * (v.ndim - 1))
+        return contacts.accelerations(-matvec(between, v), hold, before.phase)
+
+    loss = before.v - v
+    others = by_dampers(loss / 2)  # of the others that hit: half before, half after
+    ahead, behind = acceleration(before.x, before.v) - others, acceleration(x, v) + others
+    pulled = by_dampers(loss * of_mass)
+    own = reflected(ahead * of_mass) - behind * of_mass + (pulled + reflected(pulled)) / 2
+    return found, (x_change - v * of_mass, v_change + own, contacts.along(v) * delay)
+
+
+@eqx.filter_custom_jvp
+def contacts_at_own_times(
+    machine: Machine,
+    before: State,
+    hit: Bool[Array, "stops ..."],
+    closed: Bool[Array, "stops ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    gap: Float[Array, "stops ..."],
+) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "stops ..."]]:
+    """`at_own_times` of contacts in general, with all gaps; `closed` are contacts that stay closed in the impacts."""
+    del machine, before, hit, closed
+    return x, v, gap
+
+
+@contacts_at_own_times.def_jvp
+def _contacts_at_own_times_jvp(primals, tangents):
+    machine, before, hit, closed, _, v, gap = primals
+    found = contacts_at_own_times(*primals)
+    x_change, v_change, change = (
+        jnp.zeros_like(a) if t is None else t for a, t in zip(found, tangents[4:], strict=True)
+    )
+    gap_change = None if tangents[1] is None else tangents[1].gap
+    if gap_change is None:
+        return found, (x_change, v_change, change)
+    contacts, phase_rate = machine.contacts, machine.phase_rate(before.phase)
+    speed, plus = contacts.speeds(before.v, phase_rate), contacts.speeds(v, phase_rate)
+    # Row k of `near` has the contacts that k pushes.
+    near = (contacts.compliance != 0) & ~jnp.eye(contacts.num, dtype=bool).reshape(
+        contacts.num, contacts.num, *[1] * (gap.ndim - 1)
+    )
+    alone = hit & ~jnp.any(near & (hit | closed)[None], axis=1)
+    delay = jnp.where(alone, gap_change / jnp.where(alone, speed, 1), 0)
+    # Changes of the velocities for which the speed of approach to a contact grows by 1.
+    unit = contacts.unit_changes()
+    slopes = _slopes(machine, before, unit, jnp.where(alone, plus - speed, 0), speed, alone)
+    way = jnp.sum(unit * (plus * delay)[:, None], axis=0)
+    gain = jnp.sum(slopes * delay[:, None], axis=0)
+    return found, (
+        x_change - way,
+        v_change + gain,
+        change + jnp.where(closed, 0, contacts.along(way)),
+    )
+
+
+def _slopes(machine: Machine, before: State, unit: Array, rise: Array, speed: Array, alone: Array) -> Array:
+    """Changes of the velocities after the impacts for a delay of each contact by 1, (contacts, n, ...)."""
+    contacts, hold = machine.contacts, machine.hold(before.held)
+    _, slope = jax.jvp(lambda u: contacts.restitution_at(u) * u, (speed,), (jnp.ones_like(speed),))
+    slope = jnp.where(alone, 1 + slope, 0)
+    gains = unit * rise[:, None]
+    whole = jnp.sum(gains, axis=0)
+
+    def acceleration(v: Array) -> Array:
+        state = eqx.tree_at(lambda s: s.v, before, v)
+        if state.mode is not None:  # friction turns with the velocity
+            slides = jnp.where(before.mode.direction == 0, 0, jnp.sign(sliding_velocity(machine, state)))
+            state = eqx.tree_at(lambda s: s.mode.direction, state, slides.astype(jnp.int8))
+        own = machine.in_mode(state)
+        return own.contacts.accelerations(own.total_force(state), hold, before.phase)
+
+    def reflection(change: Array) -> Array:
+        return slope * contacts.along(change)
+
+    def of_contact(number: Array, gain: Array) -> Array:
+        base = before.v + (whole - gain) / 2  # of the others that hit: half before, half after
+        ahead = acceleration(base)
+        loss = ahead - acceleration(base + gain)
+        is_own = (jnp.arange(contacts.num) == number).reshape(-1, *[1] * (speed.ndim - 1))
+        lost = jnp.where(is_own, reflection(ahead), reflection(loss) / 2)
+        return loss - jnp.sum(unit * lost[:, None], axis=0)
+
+    return jax.vmap(of_contact)(jnp.arange(contacts.num), gains)
