@@ -28,7 +28,7 @@ from random_machines.orbits import check_orbits, settled_orbits
 # Seed of all rounds.
 SEED = 20261124
 # Runs of a machine.
-RUNS = 7
+RUNS = 8
 # Machines of a round whose orbits are searched for.
 ORBITS = 64
 # Machines of a round that are swept and whose branches are followed, in every fourth round: their programs compile longest.

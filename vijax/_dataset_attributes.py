@@ -135,6 +135,7 @@ _MEANINGS = {
     "share": "fraction of the starts that lead to the attractor",
     "share_error": "binomial standard error of the share",
     "num_starts": "number of starts that lead to the attractor",
+    "num_images": "number of different images of the attractor under the symmetries of the machine",
     "motion": "kind of motion",
     "num_periods": "number of forcing periods after which the motion repeats, 0 if it does not",
     "exponents": "Lyapunov exponent",

@@ -17,6 +17,9 @@ MOST_STEPS = 20_000
 # Units are powers of two, up to this one and its inverse: a change of them alters no digit. That of velocities is larger
 # than a smallest one, as bounces below 1e-6 complete a chatter: where that is less than rounding, bounces never end.
 UNITS, FASTEST = 30, 20
+# Units of mass, length and time that alter every digit: where an outcome depends on rounding, motions part at once, from less
+# than `TOGETHER` of their size to more than `APART_AT_ONCE` from one saved state to the next.
+ODD_UNITS, TOGETHER, APART_AT_ONCE = (3.0, 1 / 7, 1 / 3), 1e-11, 1e-4
 # Disturbances by which the growth of errors is measured; motions in which one grows more are compared no further.
 DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
 # Share of the time span that lies between impacts that are not of one chatter.
@@ -144,6 +147,7 @@ def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list
     other = run(shape, in_other_units(a, mass, length, time), begin * time, end * time)
     per_length = 1 / length[:, None, None]
     failures += compare("units", other.xs * per_length, other.vs * per_length * time[:, None, None])
+    failures += _rounding_decides(shape, a, whole, begin, end, is_sound)
     glass = run(*mirrored(shape, a), begin, end)
     failures += compare("mirror", -glass.xs, -glass.vs)
     if shape.masses > 1:
@@ -153,6 +157,24 @@ def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list
     if shape.contacts:
         failures += _momentum(*free(shape, a), begin, end)
     return failures, int(fair.sum())
+
+
+def _rounding_decides(
+    shape: Shape, a: dict, whole: Run, begin: np.ndarray, end: np.ndarray, is_sound: np.ndarray
+) -> list[Failure]:
+    """Motions that part from themselves at once in units that alter every digit: the outcome of an event depended on rounding."""
+    mass, length, time = np.outer(ODD_UNITS, np.ones(len(begin)))
+    other = run(shape, in_other_units(a, mass, length, time), begin * time, end * time)
+    per_length, rate = 1 / length[:, None, None], (time / length)[:, None, None]
+    away = np.maximum(
+        np.abs(other.xs * per_length - whole.xs).max(axis=2)
+        / (np.abs(whole.xs).max(axis=(1, 2)) + 1e-3)[:, None],
+        np.abs(other.vs * rate - whole.vs).max(axis=2) / (np.abs(whole.vs).max(axis=(1, 2)) + 1e-3)[:, None],
+    )
+    before = np.maximum.accumulate(np.concatenate([np.zeros((len(begin), 1)), away[:, :-1]], axis=1), axis=1)
+    parts = ((away > APART_AT_ONCE) & (before < TOGETHER)).any(axis=1)
+    wrong = np.flatnonzero(is_sound & (parts | (other.result != whole.result)))
+    return [Failure("rounding decides", int(k), float(np.nanmax(away[k]) / APART_AT_ONCE)) for k in wrong]
 
 
 def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:

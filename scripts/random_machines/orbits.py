@@ -11,6 +11,8 @@ from .motions import MOST_STEPS, ROOM, Failure, stretches_of
 
 # Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
 SETTLED, NEARLY = 300, 1e-4
+# Size of a motion that has died out, in machines of size 1.
+STILL = 1e-12
 # Orbits that are found again from another phase, in periods, and the relative difference of their multipliers.
 FEW, PHASE, ANY_PHASE = 8, 0.3, 1e-6
 # Largest multiplier of an orbit that a run repeats.
@@ -66,7 +68,8 @@ def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.Peri
         stretches = stretches_of(sol, ts, system)
         states = np.concatenate([sol.xs, 0 * stretches, sol.vs, stretches], axis=1)
         away = np.abs(states[1:] - states[0]).max(axis=1) / (np.abs(states[0]).max() + 1e-12)
-        if not (away < NEARLY).any():
+        # Without a load motions die out: bodies that rest in touch have no multipliers.
+        if not (away < NEARLY).any() or np.abs(states[0]).max() < STILL:
             continue
         n = 1 + int(np.argmax(away < NEARLY))
         x, v = np.split(states[0], 2)

@@ -144,6 +144,15 @@ def test_the_stick_within_an_impact_is_a_differentiable_function_of_the_load(bou
     assert float(jax.grad(onset)(0.6)) == pytest.approx(float(difference), rel=1e-6)
 
 
+def test_the_curve_of_the_stick_within_an_impact_is_a_line(bouncing_branch):
+    """Normal and tangential motion share nothing: coefficient and push along the floor scale together."""
+    (point,) = bouncing_branch.bifurcations
+    push = "forcing.amplitude[0]"
+    curve = vx.bifurcation_curve(point, push, {COEFFICIENT: (0.02, 0.8), push: (0.3, 1.0)}, progress=False)
+    assert len(curve["point"]) > 10
+    np.testing.assert_allclose(curve[COEFFICIENT] / curve[push], point.value / 0.6, rtol=1e-9)
+
+
 def on_belt(velocity: float, coefficient: float = 0.2, static: float = 0.5) -> vx.ImpactSystem:
     """A block of weight 1 on a spring and a belt: figure 5 of friction of contacts."""
     weight = vx.Harmonic([0.0, 0.0], 0.0, mean=[0.0, -1.0])

@@ -4,15 +4,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import BPoly
 
 from vijax._branches import test_functions as tests
 from vijax._branches.admissibility import LeastMargins, Margins
 from vijax._branches.corrector import Corrected
 from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, corrected_cycle, padded
+from vijax._branches.minima import _NODES, _at_nodes
 from vijax._branches.parameter_family import ExtendedCycle, ParameterFamily
 from vijax._branches.point import BranchPoint, PlainPoint, TooManyEvents, stacked_cycles
 from vijax._branches.requests import KernelCall
 from vijax._branches.scheduler import _next_request
+from vijax._branches.step_kernel import each_row
 from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
 from vijax._hybrid.limits import IMPACT, RELEASE
 from vijax._jax.packing import pack
@@ -101,3 +104,25 @@ def test_a_branch_that_comes_to_too_many_events_is_told_so():
 
     rng = np.random.default_rng(0)
     assert _next_request(object.__new__(ParameterFamily), task(), None).arguments == ("max_events",)
+
+
+def test_a_batch_of_one_is_computed_without_vmap_with_the_same_numbers():
+    def collatz(start: jax.Array) -> tuple[jax.Array, jax.Array]:
+        following = lambda n: jax.lax.cond(n & 1 == 0, lambda: n >> 1, lambda: 3 * n + 1)  # noqa: E731
+        one = lambda now: (following(now[0]), now[1] + 1)  # noqa: E731
+        return jax.lax.while_loop(lambda now: now[0] > 1, one, (start, jnp.array(0)))
+
+    starts = jnp.array([27, 97])
+    together = each_row(collatz)(starts)
+    alone = [each_row(collatz)(starts[k : k + 1]) for k in range(2)]
+    np.testing.assert_array_equal(together, np.concatenate(alone, axis=1))
+    np.testing.assert_array_equal(together[1], [111, 118])
+    assert "select_n" in str(jax.make_jaxpr(each_row(collatz))(starts))
+    assert "select_n" not in str(jax.make_jaxpr(each_row(collatz))(starts[:1]))
+
+
+@pytest.mark.parametrize("num", [3, 4])
+def test_polynomials_between_samples_have_their_values_and_derivatives(num):
+    by_scipy = BPoly.from_derivatives([0.0, 1.0], np.eye(2 * num).reshape(2, num, 2 * num))
+    for nu, found in enumerate(_at_nodes(num)):
+        np.testing.assert_allclose(found, by_scipy(_NODES, nu=nu), rtol=0, atol=1e-15)

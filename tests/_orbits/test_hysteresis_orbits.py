@@ -67,3 +67,22 @@ def test_a_sweep_follows_the_same_motion_and_adds_up_its_loss(machine, orbit):
     area = 4 * limit * (amplitude - limit / _STIFFNESS)
     assert np.allclose(ds.hysteresis_energy.values[..., 0], area, rtol=1e-9)
     assert (ds.num_slider_sticks.values == 4).all()
+
+
+def test_sliders_that_stick_all_along_stay_where_the_guess_has_them():
+    """Such an orbit is one of a family, one for each place of the sliders: that of springs, shifted by theirs."""
+    amplitude, frequency, stiffness = 0.1, 1.7, np.array([1.0, 0.5])
+    sliders = [vx.Jenkins(0, k, limit) for k, limit in zip(stiffness, [0.3, 0.2], strict=True)]
+    load = vx.Harmonic([amplitude], frequency)
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, hysteresis=sliders)
+    response = amplitude / (1.0 + stiffness.sum() - frequency**2 + 0.1j * frequency)
+    for place in ([0.0, 0.0], [0.05, -0.02]):
+        # From rest, with the springs stretched to these places.
+        x0, v0 = [0.0, 0.0, 0.0], [0.0, -place[0], -place[1]]
+        orbit = vx.periodic_orbit(system, x0, v0)
+        shift = stiffness @ place / (1.0 + stiffness.sum())
+        x = response.real + shift
+        np.testing.assert_allclose(orbit.x0, [x, 0, 0], rtol=0, atol=1e-14)
+        np.testing.assert_allclose(orbit.v0[1:], x - np.array(place), rtol=0, atol=1e-14)
+        assert orbit.is_admissible
+        assert np.sum(np.abs(np.asarray(orbit.multipliers) - 1) < 1e-12) == 2

@@ -67,6 +67,20 @@ def test_workers_find_the_same_bit_for_bit(swept, orbits, monkeypatch):
     xr.testing.assert_identical(again, orbits)
 
 
+def test_few_are_searched_for_one_by_one_and_are_those_of_the_batch(swept, orbits):
+    few = slice(20, 25)
+    found = vx.periodic_orbits(swept.isel({"forcing.frequency": few}), progress=False)
+    one = orbits.isel({"forcing.frequency": few})
+    assert one.converged.any()
+    for name in ("converged", "is_stable", "num_periods", "num_impacts"):
+        np.testing.assert_array_equal(found[name], one[name])
+    np.testing.assert_allclose(found.x0, one.x0, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(abs(found.multipliers), abs(one.multipliers), rtol=0, atol=1e-11)
+    with ThreadPoolExecutor(2) as executor:
+        again = vx.periodic_orbits(swept.isel({"forcing.frequency": few}), executor=executor, progress=False)
+    xr.testing.assert_identical(again, found)
+
+
 def test_what_gives_no_tasks_is_refused(swept):
     with pytest.raises(ValueError, match="Argument `executor` must be"):
         vx.periodic_orbits(swept, executor="workers", progress=False)

@@ -37,7 +37,30 @@ def moving(amplitude):
     return one(vx.Harmonic([0.0], 2.0), stops)
 
 
+def between_walls(coefficients=(0.2, 0.2), belt=0.0):
+    """A block between a floor and a ceiling with friction on both."""
+    walls = [vx.Stop(1, 0.3, "upper", 0.5), vx.Stop(1, -0.3, "lower", 0.5)]
+    rubbing = [
+        vx.Friction(0, coefficient=mu, contact=1 - k, velocity=belt) for k, mu in enumerate(coefficients)
+    ]
+    load = vx.Harmonic([0.4, 1.0], 1.3)
+    return vx.ImpactSystem(np.ones(2), 0.1 * np.eye(2), np.eye(2), load, walls, friction=rubbing)
+
+
+def on_floor(normal):
+    """A block on a floor that shakes along and across it."""
+    load = vx.Harmonic([[0.4, normal[0]], [0.0, normal[1]]], 1.3, mean=[0.0, -1.0])
+    rubbing = [vx.Friction(0, coefficient=0.2, contact=0)]
+    floor = [vx.Stop(1, 0.0, "lower", 0.5)]
+    return vx.ImpactSystem(np.ones(2), np.zeros((2, 2)), np.diag([1.0, 0.5]), load, floor, friction=rubbing)
+
+
 CASES = {
+    "friction of two walls": (between_walls(), [f"x0 -> -x0, x1 -> -x1, {HALF}"]),
+    "unequal friction of two walls": (between_walls((0.2, 0.3)), []),
+    "walls on a belt": (between_walls(belt=0.2), []),
+    "friction of a floor": (on_floor((0.0, 0.3)), [f"x0 -> -x0, {HALF}"]),
+    "friction of a floor shaken in time": (on_floor((0.3, 0.0)), []),
     "two stops": (one(), [f"x0 -> -x0, {HALF}"]),
     "two cushions": (
         one(
@@ -126,6 +149,19 @@ def test_a_symmetry_names_the_stops_and_friction_elements_that_it_exchanges():
     assert swap.stops == (2, 1, 0)
     assert swap.friction == (1, 0)
     assert swap.order == 2
+    (mirror,) = between_walls().symmetries()
+    assert mirror.stops == mirror.friction == (1, 0)
+
+
+def test_feet_of_equal_rows_are_exchanged_with_their_friction():
+    feet = [vx.Contact({0: -1.0, 1: side}, 0.0, 0.5) for side in (0.5, -0.5)]
+    rubbing = [vx.Friction(2, coefficient=0.3, contact=k) for k in (0, 1)]
+    load = vx.Harmonic([0.0, 0.0, 1.0], 1.0, mean=[-1.0, 0.0, 0.0])
+    machine = vx.ImpactSystem(
+        np.ones(3), np.zeros((3, 3)), np.diag([0.0, 0.0, 1.0]), load, feet, friction=rubbing
+    )
+    swap = next(own for own in machine.symmetries() if own.stops == (1, 0))
+    assert swap.friction == (1, 0)
 
 
 def test_a_family_has_the_symmetries_of_its_machine():
@@ -154,7 +190,15 @@ def test_numbers_must_be_known():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "name", ["ring", "about another point", "second harmonic alone", "square wave", "swap and mirror"]
+    "name",
+    [
+        "ring",
+        "about another point",
+        "second harmonic alone",
+        "square wave",
+        "swap and mirror",
+        pytest.param("friction of two walls", marks=pytest.mark.slow),
+    ],
 )
 def test_a_symmetry_maps_a_motion_to_a_motion(name):
     machine, rng = CASES[name][0], np.random.default_rng(1)

@@ -33,6 +33,9 @@ WRONG = {
     'vx.Stop(0, "0.3")': f"Argument `position` {NUMBERS} '0.3'.",
     'vx.Stop(0, 0.3, "upper", "0.7")': f"Argument `restitution` {NUMBERS} '0.7'.",
     'vx.Stop("0", 0.3)': "Argument `mass` must be a whole number, 0 or more, but is '0'.",
+    "vx.Stop({0: 1.0}, 0.3)": "Argument `mass` must be the index of one mass, but is {0: 1.0}. A row is a `vx.Contact`.",
+    'vx.CompliantStop({0: 1}, 0.3, "upper", 9.0)': "Argument `mass` must be the index of one mass, but is {0: 1}. "
+    "A row is a `vx.CompliantContact`.",
     'vx.Contact({0: "1"}, 0.3)': f"Argument `row` {NUMBERS} ['1'].",
     'vx.Contact({0: 1.0}, "0.3")': f"Argument `position` {NUMBERS} '0.3'.",
     'vx.Contact({0: 1.0}, 0.3, "0.7")': f"Argument `restitution` {NUMBERS} '0.7'.",

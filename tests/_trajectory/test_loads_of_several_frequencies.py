@@ -21,7 +21,7 @@ LOAD = vx.Harmonic([1.0], 1.0, [0.4], [0.2]) + vx.Harmonic([[0.3], [0.1]], 2.3)
 START = [0.1], [-0.2]
 
 
-def closed_form(t: float, damping: float, square: float) -> tuple[float, float]:
+def closed_form(t: Any, damping: Any, square: Any) -> tuple[float, float]:
     """Position and velocity at a time of a mass of 1 under `LOAD`, to 40 digits; undamped modes may be at resonance."""
     with mp.workdps(40):
         t, a, square = mp.mpf(t), mp.mpf(damping) / 2, mp.mpf(square)

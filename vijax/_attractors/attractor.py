@@ -37,6 +37,7 @@ class Attractor(NamedTuple):
         multipliers: (2 n,), NaN where they are unknown.
         residual: closing error, NaN if it was not polished.
         is_lasting: false if a motion is known to leave it.
+        num_images: number of different images under the symmetries of the machine, itself among them, if they were asked for.
     """
 
     machine: int
@@ -49,6 +50,7 @@ class Attractor(NamedTuple):
     multipliers: np.ndarray
     residual: float
     is_lasting: bool = True
+    num_images: int = 1
 
     @property
     def is_polished(self) -> bool:

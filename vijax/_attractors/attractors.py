@@ -22,8 +22,9 @@ from .._system.periodicity import check_period
 from .._system.system import AnySystem, machine_of, varied
 from .coexisting import coexisting, lasting
 from .ensemble import Machines
+from .images import first_images, folded
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, is_beyond, listed_starts
-from .table import attractor_dataset, attributes_of, sorted_by_share
+from .table import ATTRACTOR, attractor_dataset, attributes_of, sorted_by_share
 
 
 @says_what_compiles
@@ -39,6 +40,7 @@ def attractors(
     seed: Count | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
+    fold: bool = False,
     tolerance: float | None = None,
     args: object = None,
     flow: AbstractFlow | None = None,
@@ -70,6 +72,8 @@ def attractors(
         seed: older name of `rng` for a whole number.
         x0: positions that a grid does not name, (n,); zero if left out.
         v0: velocities, likewise.
+        fold: count mirror images as one attractor, by `system.symmetries()`; the state of the one that most starts lead to
+            is given. Of a grid that a symmetry without a shift in time maps to itself, only one start of each set of images is run.
         tolerance: largest distance of a motion from the cycle on which it settles, relative to its size; 1e-6 if left
             out.
         args: as for `simulate`.
@@ -91,7 +95,8 @@ def attractors(
         padded with NaN.
         Along `start`, or the dimensions of the grid: `label`, the index of the attractor, -1 where the motion has not
         settled or failed, or a start of the grid lies beyond a stop, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning reports the
-        former, which a longer `transient` settles. The result is reproducible.
+        former, which a longer `transient` settles. With `fold`, `num_images` is the number of different images of each attractor, 1
+        of a symmetric one. The result is reproducible.
 
     Raises:
         ValueError: if the load has no frequency, the starts are none of these, one lies beyond a stop, or 64-bit
@@ -115,7 +120,7 @@ def attractors(
         "attractors", system, args, transient, record, tolerance, flow, max_steps, settings, executor
     )
     given = requested_starts(machines, starts, bounds, generator_of(rng, seed), x0, v0)
-    return _found(machines, given, progress=progress)
+    return _found(machines, given, fold=fold, progress=progress)
 
 
 def machines_of_one(
@@ -173,7 +178,7 @@ def requested_starts(
     return drawn_starts(own, count, box, rng)
 
 
-def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
+def _found(machines: Machines, starts: Starts, *, fold: bool, progress: bool) -> xr.Dataset:
     """The attractors to which starts lead."""
     # Of a grid, starts beyond a stop are left out; a listed one is refused.
     is_in = np.ones(len(starts.states), bool)
@@ -181,7 +186,9 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
         is_in = ~is_beyond(machine_of(machines.system), starts.states, rigid=True)
     if not is_in.any():
         raise ValueError("Every start of the grid lies beyond a stop: name values between the stops.")
-    own = starts.states[is_in]
+    which = np.flatnonzero(is_in)
+    first, image_of = first_images(machines, starts.states[which]) if fold else (slice(None), slice(None))
+    own = starts.states[which][first]
     machines = machines.for_sweep_of(len(own))
     one = np.zeros(len(own), int)
     states = own * machines.scale(one)
@@ -190,12 +197,18 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     ends = machines.ends(ds, one)
     found = coexisting(machines, ends)
     motions, number = lasting(found.motions)
-    motions, labels = sorted_by_share(motions, number[found.label])
-    table = attractor_dataset(machines, motions, labels, ends.is_failed)
+    motions, labels = sorted_by_share(motions, number[found.label][image_of])
+    if fold:
+        motions, labels = sorted_by_share(*folded(machines, motions, labels))
+    is_failed = ends.is_failed[image_of]
+    table = attractor_dataset(machines, motions, labels, is_failed)
+    if fold:
+        numbers = np.array([motion.num_images for motion in motions], int)
+        table["num_images"] = (ATTRACTOR, numbers, variable_attributes("num_images"))
     warn_of_unsettled(int(table["num_not_settled"]), len(labels), machines.transient)
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
     columns = {}
-    for name, a, unknown in (("label", labels, -1), ("is_failed", ends.is_failed, False)):
+    for name, a, unknown in (("label", labels, -1), ("is_failed", is_failed, False)):
         whole = np.full(len(is_in), unknown, a.dtype)
         whole[is_in] = a
         columns[name] = (dims, whole.reshape(shape), variable_attributes(name))

@@ -27,6 +27,7 @@ def basins(
     record: Count = 20,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
+    fold: bool = False,
     tolerance: float | None = None,
     args: object = None,
     flow: AbstractFlow | None = None,
@@ -48,6 +49,7 @@ def basins(
         record: forcing periods that are recorded.
         x0: positions that the grid does not name, (n,); zero if left out.
         v0: velocities, likewise.
+        fold: count mirror images as one, as for `attractors`.
         tolerance: as for `attractors`.
         args: as for `simulate`.
         flow: likewise.
@@ -89,6 +91,7 @@ def basins(
         record=record,
         x0=x0,
         v0=v0,
+        fold=fold,
         tolerance=tolerance,
         args=args,
         flow=flow,

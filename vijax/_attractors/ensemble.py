@@ -183,14 +183,10 @@ class Machines:
 
     def polish(self, states: np.ndarray, machine: np.ndarray, num_periods: np.ndarray) -> Orbits:
         """Search for the cycles near states (W x, v) that nearly repeat."""
-        # At least two, with a frequency each: this shares the program of the orbits of a sweep over the frequency.
-        number = np.resize(np.arange(len(states)), max(2, len(states)))
-        lanes = eqx.tree_at(
-            lambda s: s.forcing.frequency, self.lanes(machine[number]), self.rate[machine[number]]
-        )
-        starts = (states / self.scale(machine))[number]
-        found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
-        return Orbits(*(a[: len(states)] for a in found))
+        # With a frequency each: this shares the program of the orbits of a sweep over the frequency.
+        lanes = eqx.tree_at(lambda s: s.forcing.frequency, self.lanes(machine), self.rate[machine])
+        starts = states / self.scale(machine)
+        return search_orbits(lanes, num_periods, starts, _MAX_EVENTS, lambda _: None, self.flow)
 
     def exponents(self, state: np.ndarray, machine: int) -> tuple[np.ndarray, np.ndarray]:
         """Lyapunov exponents of a machine from a state (W x, v), and their errors; NaN where the motion fails."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from .._execution.points import LaneInput
@@ -145,7 +146,7 @@ def is_beyond(system: ImpactSystem, states: np.ndarray, *, rigid: bool = False) 
     A mass may move beyond a compliant stop: these do not count if only `rigid` ones do.
     """
     x, beyond = states[:, : system.num_masses].T, np.zeros(len(states), bool)
-    for stop in system.stops:
+    for stop in jax.tree.map(np.asarray, system.stops):  # each operation on JAX's arrays would be a program
         if not (rigid and stop.is_compliant):
             beyond |= np.asarray(is_past(stop, x, 0.0))
     return beyond

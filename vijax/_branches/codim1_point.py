@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import Reals
 from .._jax.xla import jit_lightly
 from .._orbits.condensation import condense
-from .._orbits.cycle import linearise, residual
+from .._orbits.cycle import linearise, residual_and_moments
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import all_shifts
 from .._orbits.search import frame_offset
@@ -75,7 +75,7 @@ def correct_in_plane(defining: DefiningSystem, guess: Float[Array, " unknowns"],
     defining, y = solved.defining, jnp.where(solved.is_found, solved.y, guess)
     place, own = defining.place(y)
     problem, unknowns = defining.family.problem(defining.sequence, place.p), defining.family.unknowns(place)
-    found = residual(problem, unknowns)
+    found, begins = residual_and_moments(problem, unknowns)
     tangent = _tangent(solved.matrix)
     return CurvePoint(
         y=y,
@@ -86,7 +86,7 @@ def correct_in_plane(defining: DefiningSystem, guess: Float[Array, " unknowns"],
         start=unknowns.z - frame_offset(problem),
         speeds=found.speed,
         residual=jnp.max(jnp.abs(found.closing / defining.family.scale)),
-        watched=margins_of_cycle(problem, unknowns),
+        watched=margins_of_cycle(problem, unknowns, begins),
         num_steps=solved.num_steps,
         is_found=solved.is_found,
     )

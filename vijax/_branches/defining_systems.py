@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import compile_lightly
 from .._orbits.condensation import condense
-from .._orbits.cycle import Problem, Unknowns, linearise, residual
+from .._orbits.cycle import Problem, Residual, Unknowns, linearise, residual
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
@@ -75,6 +75,12 @@ class AbstractCondition(eqx.Module):
     def values(self, cycle: TrialCycle, own: Float[Array, " own"]) -> Float[Array, " conditions"]:
         """Values that vanish at the bifurcation, one more than the condition has unknowns."""
 
+    def residual_and_values(
+        self, cycle: TrialCycle, own: Float[Array, " own"]
+    ) -> tuple[Residual, Float[Array, " conditions"]]:
+        """Residual of the equations of the cycle, and `values`, in one pass where these take the linearised equations."""
+        return residual(cycle.problem, cycle.unknowns), self.values(cycle, own)
+
     def unfolding(self, own: Float[Array, " own"]) -> Float[Array, "..."]:
         """Term added to the closing, zero at a solution; only singular equations of a cycle need one."""
         del own
@@ -93,14 +99,17 @@ class AtMultiplier(AbstractCondition):
     borders: Reals
 
     def begun(self, cycle):
-        left, _, right = jnp.linalg.svd(_singular(cycle, self.own[0]))
+        left, _, right = jnp.linalg.svd(_singular(cycle, self.own[0])[1])
         return AtMultiplier(self.own, jnp.stack([left[:, -1], right[-1].conj()]))
 
     def values(self, cycle, own):
-        singular, (b, c) = _singular(cycle, own[0]), self.borders
+        return self.residual_and_values(cycle, own)[1]
+
+    def residual_and_values(self, cycle, own):
+        (found, singular), (b, c) = _singular(cycle, own[0]), self.borders
         bordered = jnp.block([[singular, b[:, None]], [c.conj()[None], jnp.zeros((1, 1), b.dtype)]])
         psi = jnp.linalg.solve(bordered, jnp.zeros_like(bordered[0]).at[-1].set(1))[-1]
-        return jnp.stack([psi.real, psi.imag])
+        return found, jnp.stack([psi.real, psi.imag])
 
 
 class AtBranchPoint(AbstractCondition):
@@ -117,13 +126,16 @@ class AtBranchPoint(AbstractCondition):
     right: Reals
 
     def begun(self, cycle):
-        left, _, right = jnp.linalg.svd(_with_parameter(cycle))
+        left, _, right = jnp.linalg.svd(_with_parameter(cycle)[1])
         return AtBranchPoint(self.own, left[:, -1], right[-2:])
 
     def values(self, cycle, own):
-        singular, b, c = _with_parameter(cycle), self.left, self.right
+        return self.residual_and_values(cycle, own)[1]
+
+    def residual_and_values(self, cycle, own):
+        (found, singular), b, c = _with_parameter(cycle), self.left, self.right
         bordered = jnp.block([[singular, b[:, None]], [c, jnp.zeros((2, 1), b.dtype)]])
-        return jnp.linalg.solve(bordered.T, jnp.zeros_like(bordered[0]).at[-1].set(1))[-2:]
+        return found, jnp.linalg.solve(bordered.T, jnp.zeros_like(bordered[0]).at[-1].set(1))[-2:]
 
     def unfolding(self, own):
         return own[0] * self.left
@@ -188,18 +200,20 @@ class AtGrip(AbstractCondition):
         return jnp.sum(jnp.where(is_own, grip, 0))[None]
 
 
-def _singular(cycle: TrialCycle, theta: Scalar) -> Complex[Array, "state state"]:
-    """Z - e^{i theta} N."""
-    pencil = condense(linearise(cycle.problem, cycle.unknowns, cycle.family.scale)[1]).pencil
-    return pencil.end - jax.lax.complex(jnp.cos(theta), jnp.sin(theta)) * pencil.start
+def _singular(cycle: TrialCycle, theta: Scalar) -> tuple[Residual, Complex[Array, "state state"]]:
+    """Residual, and Z - e^{i theta} N."""
+    found, flights = linearise(cycle.problem, cycle.unknowns, cycle.family.scale)
+    pencil = condense(flights).pencil
+    return found, pencil.end - jax.lax.complex(jnp.cos(theta), jnp.sin(theta)) * pencil.start
 
 
-def _with_parameter(cycle: TrialCycle) -> Float[Array, "state free"]:
-    """Z - N with a column for the parameter, the first of two."""
+def _with_parameter(cycle: TrialCycle) -> tuple[Residual, Float[Array, "state free"]]:
+    """Residual, and Z - N with a column for the parameter, the first of two."""
     family = cycle.family
     problem, change = family.linear_problem(cycle.problem.sequence, cycle.place.p)
-    pencil = condense(linearise(problem, cycle.unknowns, family.scale, change=change)[1]).pencil
-    return pencil.end - pencil.start[: len(family.scale)]
+    found, flights = linearise(problem, cycle.unknowns, family.scale, change=change)
+    pencil = condense(flights).pencil
+    return found, pencil.end - pencil.start[: len(family.scale)]
 
 
 class DefiningSystem(eqx.Module):
@@ -247,9 +261,9 @@ class DefiningSystem(eqx.Module):
         """Residuals of the equations."""
         place, own = self.place(y)
         cycle = self.cycle(place)
-        found = residual(cycle.problem, cycle.unknowns)
+        found, values = self.condition.residual_and_values(cycle, own)
         closing = found.closing / self.family.scale + self.condition.unfolding(own)
-        return jnp.concatenate([closing, found.events, self.condition.values(cycle, own)])
+        return jnp.concatenate([closing, found.events, values])
 
     def linearised(
         self, y: Float[Array, " unknowns"]

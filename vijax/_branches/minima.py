@@ -1,6 +1,7 @@
 """Minima of gaps and forces between two samples of a motion, on the polynomial through their derivatives."""
 
 from functools import cache
+from math import comb, perm
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -72,8 +73,23 @@ def _minimum(first: Array, last: Array, rise: Array) -> tuple[Array, Array]:
 
 @cache
 def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from `num` values and derivatives at 0 and at 1 to the polynomial and its slope at `_NODES`."""
-    from scipy.interpolate import BPoly  # it takes a third of a second, and stored programs do not need it
+    """Matrices from `num` values and derivatives at 0 and at 1 to the polynomial and its slope at `_NODES`.
 
-    by_each = BPoly.from_derivatives([0.0, 1.0], np.eye(2 * num).reshape(2, num, 2 * num))
-    return by_each(_NODES), by_each(_NODES, nu=1)
+    By its Bernstein coefficients: those near 0 are sums of the values at 0 alone, those near 1 likewise.
+    """
+    degree = 2 * num - 1
+    coefficients = np.zeros((2 * num, 2 * num))
+    for k in range(num):
+        for order in range(k + 1):
+            share = comb(k, order) / perm(degree, order)
+            coefficients[k, order] = share
+            coefficients[degree - k, num + order] = (-1) ** order * share
+    slopes = degree * np.diff(coefficients, axis=0)
+    return _bernstein(degree) @ coefficients, _bernstein(degree - 1) @ slopes
+
+
+def _bernstein(degree: int) -> np.ndarray:
+    """Bernstein polynomials of a degree at `_NODES`, (nodes, degree + 1)."""
+    x = _NODES[:, None]
+    powers = np.arange(degree + 1)
+    return np.array([comb(degree, k) for k in powers]) * x**powers * (1 - x) ** (degree - powers)

@@ -365,8 +365,7 @@ def points_of(starts: list[Start], families: list[ParameterFamily]) -> list[Bran
         elements = (*machine.stops, *machine.friction, *machine.hysteresis)
         size = start.num_events, len(elements), machine.is_switching
         if size not in rooms:
-            empty = empty_sequence(*size[:2], is_switching=machine.is_switching)
-            rooms[size] = jax.tree.map(np.asarray, empty)
+            rooms[size] = empty_sequence(*size[:2], is_switching=machine.is_switching)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(point_at_orbit(rooms[size], start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))
@@ -391,6 +390,7 @@ def refuse_start(number: int, start: Start, family: ParameterFamily) -> None:
             f"Orbit {number} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."
         )
     raise ValueError(
-        f"Orbit {number} is not isolated: two of its multipliers are exactly +1, as at a resonance without damping, where all "
-        "its neighbours repeat as well, and no branch is told among them. Add damping, or begin at a frequency off the resonance."
+        f"Orbit {number} is not isolated: two of its multipliers are exactly +1, as at a resonance without damping or where Jenkins "
+        "elements stick all along. All its neighbours repeat as well, and no branch is told among them. Add damping, or begin at "
+        "a frequency off the resonance, or where the elements slip."
     )

@@ -62,8 +62,8 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     if point.kind == Kind.GRAZING:
         if "mode" in point.branch.points:
             raise ValueError(
-                "The orbits that leave a grazing are found for machines with rigid contacts alone: in a machine with friction or "
-                "compliant stops search beside it by `vx.find_periodic_orbits`."
+                "The orbits that leave a grazing are found for machines with rigid contacts alone: in a machine with friction, "
+                "Jenkins elements or compliant stops search beside it by `vx.find_periodic_orbits`."
             )
         return _at_grazing(point)
     if point.kind not in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT, Kind.PITCHFORK):

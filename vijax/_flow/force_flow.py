@@ -116,6 +116,7 @@ class ForceFlow(ExpandingFlow):
         motion = force_series(plan, machine, state, hold, modes, order, is_alone=is_alone)
         call = compute_once if is_alone else _plainly
         limit_of = partial(_limit, has_powers=plan.has_closing_powers)
+        assert motion.sizes is not None  # the plan has them
         limit = call(limit_of, machine, motion.x, *motion.sizes, tolerance)
         limit = time_limit(self._plan(machine), machine, state, modes, limit, order, tolerance)
         limit = _consistent(

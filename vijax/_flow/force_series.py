@@ -111,19 +111,20 @@ def _by_loop(machine: Machine, hold: Held, series: Series, state: State, order: 
 
     k = np.arange(1, order)
     orders = jnp.asarray(k, dtype), jnp.asarray(1 / (k + 1), dtype), phase[1:order]
-    (_, *last), (x, v, forces, kept, sizes) = jax.lax.scan(
+    (_, *last), (x, v, forces, kept, later_sizes) = jax.lax.scan(
         one, (first_sums(plan, order, state.x), state.v, a), orders
     )
     x, v = (
         jnp.concatenate([begin[None], later, end[None]])
         for begin, later, end in zip((state.x, state.v), (x, v), last, strict=True)
     )
+    sizes = None
     if plan.has_jacobian:
-        starts = [_row_sum(machine, root, e) for e in _jacobian(machine, series)]
-        sizes = tuple(
-            a[None] if b is None else jnp.concatenate([a[None], b])
-            for a, b in zip(starts, sizes, strict=True)
+        starts = [jnp.asarray(_row_sum(machine, root, e))[None] for e in _jacobian(machine, series)]
+        of_x, of_v = (
+            a if b is None else jnp.concatenate([a, b]) for a, b in zip(starts, later_sizes, strict=True)
         )
+        sizes = of_x, of_v
     forces = jnp.concatenate([force[None], forces])
     found = LoopSeries(series, kept, order) if plan.num_switches or plan.has_jacobian else None
     return ForceSeries(x, v, forces, phase, found, sizes)

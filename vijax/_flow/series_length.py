@@ -81,7 +81,8 @@ def derivative_limit(
     if all(a is None for a in later):
         most = (tolerance * factorial(order)) ** (1 / order)
         return most / jnp.maximum(rate, _tiny(rate))
-    phi = (_neighbours if isinstance(by_x, list) else _neighbours_by_loop)(by_x, by_v, rate, order)
+    neighbours: Any = _neighbours if isinstance(by_x, list) else _neighbours_by_loop
+    phi = neighbours(by_x, by_v, rate, order)
     room = [(log2(tolerance) - _log2(phi[k])) * (1 / k) for k in (order - 1, order)]
     limit = _SHARE * _exp2(jnp.minimum(*room))
     if not has_powers:

@@ -3,6 +3,9 @@
 Up to a number of elements all sets are tried, one after the other, and the best is taken. Of more, the first are the starts of
 pivots: all elements in conflict change their act at once, later one at a time (as principal pivots of linear
 complementarity: K. G. Murty, Linear Algebra Appl. 7 (1974)).
+
+Of equally good sets that is taken to which pivots from the first set lead: what is beyond its bound lets go. So the order of the
+elements has no part in it.
 """
 
 from collections.abc import Callable
@@ -17,6 +20,8 @@ from .._jax.xla import is_any
 # Of more elements than all sets are tried of: number of starts, of pivots from each, and of those that change several acts at
 # once.
 _STARTS, _PIVOTS, _JOINT_PIVOTS = 27, 64, 16
+# Number of pivots before all sets are tried.
+_FIRST_PIVOTS = 6
 # Score of a conflict, of friction at rest, of any other element at rest.
 CONFLICT, STICKS, HOLDS = -10_000, 100, 1
 
@@ -72,13 +77,14 @@ def search_acts(
         best = jax.tree.map(lambda a, b: jnp.where(found.score > carry.best.score, a, b), found, carry.best)
         turn = carry.turn + 1
         following, is_last = _next_set(elements, carry.start, has_two)
-        starts_anew = is_listed | (turn % _PIVOTS == 0)
-        start = jnp.where(starts_anew, following, carry.start)
         changes = found.proposed != carry.acts
+        is_first = (turn <= _FIRST_PIVOTS) & jnp.all(carry.start == first, axis=0) & jnp.any(changes, axis=0)
+        starts_anew = jnp.where(is_listed, ~is_first, turn % _PIVOTS == 0)
+        start = jnp.where(starts_anew, following, carry.start)
         first_change = changes & (jnp.cumsum(changes, axis=0) == 1)
         is_single = turn % _PIVOTS > _JOINT_PIVOTS
         pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, carry.acts)
-        is_last = carry.is_last | (is_listed & is_last)
+        is_last = carry.is_last | (is_listed & starts_anew & is_last)
         return _Search(turn, start, jnp.where(starts_anew, start, pivoted), is_last, best)
 
     lowest = jnp.full_like(count, 2 * len(elements) * CONFLICT)

@@ -55,12 +55,14 @@ class Chatter(NamedTuple):
 def lightest_bounces(machine: Machine, state: State, instant: Instant) -> Bool[Array, "contacts ..."]:
     """Flags of contacts that bounce, and of friction that slips, so lightly that what they have left to move is rounding.
 
-    In any unit: their speeds and gaps against what the forces do within a radian of the fastest motion.
+    In any unit: their speeds and gaps against what the forces do within a radian of the fastest motion. Contacts whose impulses
+    press friction may open each other, and gain speed: of these the speed itself must be rounding.
     """
     contacts, mode = machine.contacts, state.mode
     in_motion = machine.in_mode(state)
     pull = contacts.size(jnp.abs(contacts.inverse_mass_times(in_motion.total_force(state))))
-    least = float(jnp.finfo(state.x.dtype).eps) ** 0.5
+    eps = float(jnp.finfo(state.x.dtype).eps)
+    least = jnp.where(contacts.presses_friction, eps, eps**0.5) if machine.has_tied_friction else eps**0.5
     is_slow = jnp.abs(sliding_velocity(machine, state)) * in_motion.rate <= least * pull
     is_near = jnp.abs(state.gap) * in_motion.rate**2 <= least**1.75 * pull
     friction, compliant = contacts.are(FRICTION), contacts.are(COMPLIANT)

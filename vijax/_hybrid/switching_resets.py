@@ -210,14 +210,16 @@ def _switch(
     settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
     settles = settles | has_left | (compliant & at_limit & (speed == 0) & ~was_at_rest)
     duration = chatter.duration
+    lightest = lightest_bounces(machine, state, instant) & ~settles if RIGID in contacts.laws.kinds else none
     if sticks is not None:
+        # Contacts whose friction is decided with them rest without a proof that their bounces end.
+        settles = settles | lightest & contacts.presses_friction
+        lightest = lightest & ~contacts.are_tied & ~contacts.presses_friction
         state, settles, duration = loaded(machine, state, settles, size, chatter)
+        lightest = lightest & ~settles
     # First guards are those of the lower bound of a contact, and of the upper one of friction.
     side = jnp.where(events.first, -1, jnp.where(events.second, 1, 0))
     side = jnp.where(stays & before.held & ~is_jump, jnp.where(friction, -side, side), 0)
-    lightest = lightest_bounces(machine, state, instant) & ~settles if RIGID in contacts.laws.kinds else none
-    if sticks is not None:  # with friction that their impulses press they may go on
-        lightest = lightest & ~contacts.are_tied & ~contacts.presses_friction
     after = jax.lax.cond(
         is_any(settles | lightest),
         lambda: compute_once(_settled, machine, state, AtRest(settles, side.astype(jnp.int8)), lightest),

@@ -90,7 +90,11 @@ def _rate_of(w2: Scalar, d: Scalar) -> Scalar:
 
 
 def _norm(matrix: Float[Array, "n n ..."]) -> Scalar:
-    """Bound the largest singular value of a matrix A: the Frobenius norm of (A^T A)^2, to the 1/4."""
+    """Bound the largest singular value of a matrix A: the Frobenius norm of (A^T A)^2, to the 1/4.
+
+    A bound has no derivative: that of a matrix without entries would be NaN.
+    """
+    matrix = jax.lax.stop_gradient(matrix)
     largest = jnp.max(jnp.abs(matrix), axis=(0, 1))
     unit = matrix / jnp.where(largest > 0, largest, 1.0)
     unit = matrix_product(jnp.swapaxes(unit, 0, 1), unit)

@@ -25,7 +25,7 @@ from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State
+from .._machine.state import AHEAD, BEHIND, State
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
@@ -35,6 +35,8 @@ from .switching_events import leading_zeros_of, switched_end, switched_instant, 
 
 # Duration, in forcing periods, below which a flight has none when residuals are divided by it.
 _MOMENT = 1e-12
+# Share of a row along a shift that a cycle may progress by, above which that is pinned in place of its slider.
+_PINNED = 1e-9
 
 
 class Unknowns(NamedTuple):
@@ -137,17 +139,26 @@ class CycleFlight(NamedTuple):
 
 def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     """Traverse the sequence once."""
+    return _residual(problem, unknowns, has_moments=False)[0]
+
+
+def residual_and_moments(problem: Problem, unknowns: Unknowns) -> tuple[Residual, Moment]:
+    """`residual`, and the moments at which the flights begin, (events + 1, ...) each, those of padding included."""
+    return _residual(problem, unknowns, has_moments=True)
+
+
+def _residual(problem: Problem, unknowns: Unknowns, *, has_moments: bool) -> tuple[Residual, Any]:
     machine, flow = problem.machine, problem.flow
     place = initial_moment(problem, machine, unknowns.z)
 
-    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[Array, Array, Any]]:
+    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[tuple[Array, Array, Any], Any]]:
         duration = _duration(problem, place, flight)
         there, (value, speed), _ = fly_to_event(machine, flow, place, flight.event, duration)
-        return there, (value, speed, there.grip)
+        return there, ((value, speed, there.grip), place if has_moments else None)
 
-    place, of_events = jax.lax.scan(one, place, _flights_of(problem, unknowns))
+    place, (of_events, begins) = jax.lax.scan(one, place, _flights_of(problem, unknowns))
     values, speeds, grips = jax.tree.map(lambda a: a[:-1], of_events)
-    return Residual(values, _closing(problem, place.z - unknowns.z), speeds, grips)
+    return Residual(values, _closing(problem, place.z - unknowns.z), speeds, grips), begins
 
 
 def _closing(problem: Problem, gone: Array) -> Array:
@@ -180,6 +191,25 @@ def traverse(
     num = None if count is None else count + 1
     _, (begins, speeds) = over_flights(one, first, _flights_of(problem, unknowns, count), num)
     return begins, speeds[:-1]
+
+
+def slider_pin(problem: Problem, scale: Float[Array, " state"]) -> Float[Array, "state state"]:
+    """The matrix that adds row . dx - de of each slider that sticks all along to the closing of its stretch e.
+
+    Such a cycle belongs to a family, one for each place of the slider, row . x - e, which comes back by itself: one closing
+    follows from the others. The step of Newton's method then keeps the slider where it is, as `rigid_modes.py` says of shifts.
+    """
+    contacts = problem.machine.contacts
+    num = contacts.num_sliders
+    mode, rows = jnp.asarray(problem.sequence.mode)[:, -num:], contacts.rows[-num:]
+    is_stuck = ~jnp.any((mode == AHEAD) | (mode == BEHIND), axis=0)
+    if problem.drift is not None:  # a shift that sliders alone resist is pinned already
+        is_stuck = is_stuck & ~jnp.any(jnp.abs(rows @ problem.drift) > _PINNED * jnp.abs(rows), axis=1)
+    size = rows.shape[1]
+    stretches = jnp.eye(size, dtype=scale.dtype)[-num:]
+    places = jnp.concatenate([rows, -stretches], axis=1) * scale[None] / scale[-1]
+    zeros = jnp.zeros_like(stretches)
+    return jnp.concatenate([zeros, stretches], axis=1).T @ (is_stuck[:, None] * places)
 
 
 def linearise(
@@ -235,7 +265,10 @@ def linearise(
     )
     found = Residual(values, _closing(problem, place.z - unknowns.z), speeds[:-1])
     drift = None if problem.drift is None else of_positions(problem.drift)
-    return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts), drift)
+    pin = closing_pin(problem.shifts)
+    if problem.machine.contacts.num_sliders:
+        pin = pin + slider_pin(problem, scale)
+    return found, Flights(begin, forward, normal, close, pin, drift)
 
 
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._hybrid.limits import IMPACT
-from .._jax.arrays import Scalar
+from .._jax.arrays import Reals, Scalar
 from .._jax.concrete import stop_gradients
 from .._jax.xla import compile_derivatives_lightly, compile_lightly
 from .._trajectory.event_log import EventLog
@@ -39,16 +39,17 @@ class OrbitSolution(eqx.Module):
     result: ORBIT_RESULTS
 
 
-def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolution:
-    """Search from a guess until an orbit is found, or nothing is left to try."""
+def find(strobe: StroboscopicMap, guess: Reals) -> OrbitSolution:
+    """Search from a guess, (2 n,), until an orbit is found, or nothing is left to try."""
     strobe = replace(strobe, flow=strobe.flow.compact())
     # The search itself is not differentiated: derivatives come from the implicit function theorem. Outside of `jit` its
     # values are known even under derivatives, so that its program serves them too.
-    return tell_of_search(strobe, _search(*stop_gradients((strobe, guess))))
+    return tell_of_search(strobe, search_alone(*stop_gradients((strobe, guess))))
 
 
 @compile_lightly
-def _search(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
+def search_alone(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
+    """A search to its end, of a strobe whose flow is `compact`."""
     numbers = strobe.numbers
     search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
     follow = None

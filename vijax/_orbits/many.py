@@ -11,13 +11,16 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .._jax.xla import jit_lightly
+from .find import search_alone
 from .search import Search, StroboscopicMap, begin_search
 from .search_workers import SearchWorkers
 from .sequence import num_stops_of
 
 # `_LANES`: lanes of the one compiled program. A lane costs the same among 32 as among 128; fewer wait for the longest.
 # `_FEW`: room for events at first. Most cycles have fewer; the others are searched for again with room for all.
-_LANES, _FEW = 32, 32
+# `_ALONE`: most searches that run one by one, by the program of a single search: it compiles in half the time, and a process
+# that searches for an orbit has it.
+_LANES, _FEW, _ALONE = 32, 32, 8
 
 
 class Orbits(NamedTuple):
@@ -53,7 +56,8 @@ def search_many(
         axes: for each leaf of `strobe` 0 if it has that axis, None if all lanes share it.
         guesses: states in the fixed frame, (lanes, 2 n). Neighbours should take about equally long.
         tell: called with the number of searches that ended since the last call.
-        executor: runs the searches; if left out, the cores of this process do, with the same chunks and the same bits.
+        executor: runs the searches, unless they are few; if left out, the cores of this process do, with the same chunks and
+            the same bits.
     """
     (_, first), *others = search_each(strobe, axes, guesses, tell, executor)
     num_stops = num_stops_of(strobe.numbers)
@@ -73,6 +77,8 @@ def search_each(
 ) -> list[tuple[np.ndarray, Search]]:
     """The searches of `search_many`: of all lanes, then of the lanes that needed more room, each with its indices."""
     everyone = np.arange(len(guesses))
+    if len(guesses) <= _ALONE:
+        return [(everyone, _one_by_one(strobe, axes, guesses, tell))]
     few = dataclasses.replace(strobe, room=min(_FEW, strobe.room))
     search = _search(few, axes, guesses, everyone, tell, executor)
     found, longer = [(everyone, search)], np.flatnonzero(search.is_full & ~search.is_orbit)
@@ -80,6 +86,23 @@ def search_each(
         tell(-longer.size)
         found.append((longer, _search(strobe, axes, guesses, longer, tell, executor)))
     return found
+
+
+def _one_by_one(
+    strobe: StroboscopicMap, axes: Sequence[int | None], guesses: np.ndarray, tell: Callable[[int], Any]
+) -> Search:
+    """The finished searches of all lanes, each alone."""
+    strobe = dataclasses.replace(strobe, flow=strobe.flow.compact())
+    leaves, structure = jax.tree.flatten(strobe)
+    found = []
+    for lane, guess in enumerate(guesses):
+        own = [
+            np.asarray(a) if axis is None else np.asarray(a)[lane]
+            for a, axis in zip(leaves, axes, strict=True)
+        ]
+        found.append(jax.tree.map(np.asarray, search_alone(jax.tree.unflatten(structure, own), guess)))
+        tell(1)
+    return jax.tree.map(lambda *a: np.stack(a), *found)
 
 
 def _search(

@@ -56,7 +56,8 @@ class PeriodicOrbit(eqx.Module):
         num_impacts: impacts in one cycle, (stops,); of a chatter all that were followed.
         multipliers: Floquet multipliers, (2 n,), complex, the largest magnitude first. Two are zero for every mass that
             sticks, one where friction does; one is infinite where the orbit grazes; one is 1 along a cycle that nothing drives, and one for every shift of the masses that no spring and no
-            contact resists.
+            contact resists, and for every Jenkins element that sticks all along: its slider may be anywhere, and stays where the
+            guess has it.
         is_stable: whether all multipliers lie inside the unit circle, but for those of shifts by which the orbit progresses,
             and the one along a cycle that nothing drives.
         is_admissible: whether the machine follows it: run from x0 and v0, it shows the same events.

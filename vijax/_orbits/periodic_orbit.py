@@ -1,11 +1,12 @@
 """Search for a periodic orbit near a guess."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import ArrayLike
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, array_namespace, as_float, refuse_single_precision, whole_number
 from .._jax.concrete import check_values, is_traced
 from .._jax.errors import checked, number_of_doubts
 from .._jax.xla import padding_allowed
@@ -99,19 +100,23 @@ def periodic_orbit(
         )
         return checked(orbit, *number_of_doubts([], *result_sentences(orbit.result))) if throw else orbit
     check_period(system, args, x0, v0)
-    angle = angle_of(phase)
-    t0 = angle / bound.forcing.frequency
-    t1 = t0 + n * bound.forcing.period
+    angle, frequency, period = angle_of(phase), bound.forcing.frequency, bound.forcing.period
+    is_unknown = is_traced((bound, flow, x, v, angle))
+    if not is_unknown:  # each operation on JAX's arrays would be a program
+        x, v, angle, frequency, period = map(np.asarray, (x, v, angle, frequency, period))
+    t0 = angle / frequency
+    t1 = t0 + n * period
     start = bound, t0, t1, t1[None], x, v
     doubts = validate_start(*check_values(start))
-    if is_traced((bound, flow, x, v, angle)):
+    if is_unknown:
         numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)
     else:
         known = known_machine(system, args)
         numbers, motion = known.numbers, known.flow(flow, can_stick=True)
-    strobe = StroboscopicMap(numbers, motion, jnp.asarray(float(n)), angle / (2 * jnp.pi), room)
-    found = find(strobe, jnp.concatenate([x, v]))
-    period = n * bound.forcing.period
+    library = array_namespace(x, v, angle)
+    strobe = StroboscopicMap(numbers, motion, library.asarray(float(n)), angle / (2 * np.pi), room)
+    found = find(strobe, library.concatenate([x, v]))
+    period, angle = jnp.asarray(n * period), jnp.asarray(angle)
     orbit = PeriodicOrbit(
         **vars(found), system=system, num_periods=n, period=period, phase=angle, args=args, flow=flow
     )

@@ -30,7 +30,11 @@ _HELD = 1e-3
 
 def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
     """The projection P onto all rigid shifts; zero for a machine with a `force`, which may resist them."""
-    known = stop_gradients(numbers)
+    return jnp.asarray(_free_shifts(stop_gradients(numbers)))
+
+
+def _free_shifts(known: MachineNumbers) -> Reals:
+    """`free_shifts`, by NumPy of a machine of its arrays: each function of JAX would be a program of its own."""
     stiffness, rows = known.stiffness, known.rows
     if known.force is not None:
         return jnp.zeros_like(stiffness)
@@ -43,9 +47,9 @@ def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
     states = np.eye(n, dtype=stiffness.dtype)[n - known.num_states :]
     felt = library.concatenate([springs, springs.T, rows, states])
     if library is np and np.linalg.svd(felt, compute_uv=False)[-1] > _HELD:
-        return jnp.zeros_like(jnp.asarray(stiffness))
-    _, sizes, axes = jnp.linalg.svd(jnp.asarray(felt), full_matrices=False)
-    free = jnp.where(sizes <= 64 * n * jnp.finfo(sizes.dtype).eps * sizes[0], 1, 0)[:, None] * axes
+        return np.zeros_like(stiffness)
+    _, sizes, axes = library.linalg.svd(felt, full_matrices=False)
+    free = library.where(sizes <= 64 * n * jnp.finfo(sizes.dtype).eps * sizes[0], 1, 0)[:, None] * axes
     return free.T @ free
 
 
@@ -55,10 +59,10 @@ def free_drifts(numbers: MachineNumbers) -> Float[Array, "n n"] | None:
     if known.laws is None or not known.laws.has_no_gap.any():
         return None
     is_friction = known.laws.has_no_gap
-    resisted = free_shifts(known)
-    others = eqx.tree_at(lambda own: own.rows, known, jnp.asarray(known.rows)[~is_friction])
-    beside = jnp.eye(len(resisted), dtype=resisted.dtype) - resisted
-    return beside @ free_shifts(others) @ beside
+    resisted = _free_shifts(known)
+    others = eqx.tree_at(lambda own: own.rows, known, known.rows[~is_friction])
+    beside = np.eye(len(resisted), dtype=resisted.dtype) - resisted
+    return jnp.asarray(beside @ _free_shifts(others) @ beside)
 
 
 def all_shifts(shifts: Float[Array, "n n"], drift: Float[Array, "n n"] | None) -> Float[Array, "n n"]:

@@ -107,8 +107,8 @@ def public_kind_of(kind: Reals) -> Reals:
 
 def empty_sequence(num_events: int, num_stops: int, *, is_switching: bool) -> Sequence:
     """A sequence without events, with room for `num_events`."""
-    whole = jnp.zeros(num_events, int)
-    mode = jnp.zeros((num_events + 1, num_stops), jnp.int8 if is_switching else bool)
+    whole = np.zeros(num_events, int)
+    mode = np.zeros((num_events + 1, num_stops), jnp.int8 if is_switching else bool)
     return Sequence(whole + NOTHING, whole, mode)
 
 

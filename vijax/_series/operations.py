@@ -158,7 +158,8 @@ class Product(Operation):
         return times(read(a, 0), read(b, 0))
 
     def later(self, read: Read, k: Order) -> Coefficient:
-        return read.products(*self.args, k)
+        a, b = self.args
+        return read.products(a, b, k)
 
     @property
     def pairs(self) -> tuple[tuple[Factor, Factor], ...]:

@@ -81,6 +81,9 @@ class OneOrder(AbstractSeries):
     row: Row
     sums: Convolution
 
+    def __init__(self, start: Series, row: Row, sums: Convolution):
+        self.start, self.row, self.sums = start, row, sums
+
     @property
     def plan(self) -> Plan:
         return self.start.plan
@@ -187,6 +190,9 @@ class LoopSeries(AbstractSeries):
     start: Series
     later: dict[int, Array]
     num_orders: int = eqx.field(static=True)
+
+    def __init__(self, start: Series, later: dict[int, Array], num_orders: int):
+        self.start, self.later, self.num_orders = start, later, num_orders
 
     @property
     def plan(self) -> Plan:

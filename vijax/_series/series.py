@@ -128,7 +128,7 @@ def series_of(
     given = t, plan.numbers(force), [modes[j] for j in range(len(modes))]
     flags = None if fresh is None else {w.mode: fresh[j] for j, w in enumerate(plan.switches)}
     at = {w.mode: flag for w, flag in zip(plan.switches, at_knot, strict=False)}
-    return Series((), given, like, flags, at, plan, fence)
+    return Series(rows=(), given=given, like=like, fresh=flags, at_knot=at, plan=plan, fence=fence)
 
 
 def force_at(plan: Plan, force: Any, t: Any, x: Any, v: Any, modes: Any = ()) -> Array:

@@ -6,11 +6,11 @@ from typing import Any, ClassVar, Literal
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
-from .._jax.arrays import Count, Reals, as_float, whole_number
+from .._jax.arrays import Count, Reals, as_float
 from .._printing import as_html, as_text, describe_compliant
 from .checks import NOT_NEGATIVE, Rule, check_number
 from .contact import AbstractLimit, check_row, row_of
-from .stop import check_side
+from .stop import check_side, mass_of_stop
 
 # Numbers of the law.
 LAW_OF_COMPLIANCE = "stiffness", "damping", "preload"
@@ -90,7 +90,7 @@ class CompliantStop(AbstractCompliantLimit):
         damping: ArrayLike = 0.0,
         preload: ArrayLike = 0.0,
     ):
-        self.mass = whole_number("mass", mass)
+        self.mass = mass_of_stop(mass, "vx.CompliantContact")
         self.position = as_float(position, "position")
         self.side = side
         self.stiffness = as_float(stiffness, "stiffness")

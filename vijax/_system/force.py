@@ -175,22 +175,25 @@ def bind_args(force: Callable | None, args: PyTree, num_masses: int) -> BoundFor
 
 def _shape_of(force: BoundForce, num_masses: int) -> tuple[int, ...]:
     """Shape of what a force returns; tracing it takes longer than many a run, so it is remembered."""
-    leaves, structure = jax.tree.flatten(force)
-    key = (
-        structure,
-        tuple((jnp.shape(a), jnp.result_type(a)) for a in leaves),
-        num_masses,
-        jnp.result_type(float),
-    )
+    numbers, rest = eqx.partition(force, eqx.is_array)
+    kinds = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), numbers)
+    key = *(_hashable(tree) for tree in (kinds, rest)), num_masses, jnp.result_type(float)
     try:
         return _traced_shape(*key)
     except TypeError:  # the function has no hash
         return _traced_shape.__wrapped__(*key)
 
 
+def _hashable(tree: PyTree) -> tuple[tuple, Any]:
+    leaves, structure = jax.tree.flatten(tree)
+    return tuple(leaves), structure
+
+
 @lru_cache(_KEPT)
-def _traced_shape(structure: Any, kinds: tuple, num_masses: int, dtype: Any) -> tuple[int, ...]:
-    leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+def _traced_shape(
+    kinds: tuple[tuple, Any], rest: tuple[tuple, Any], num_masses: int, dtype: Any
+) -> tuple[int, ...]:
+    numbers, others = (jax.tree.unflatten(structure, leaves) for leaves, structure in (kinds, rest))
     x = jax.ShapeDtypeStruct((num_masses,), dtype)
-    run = lambda leaves, *at: jax.tree.unflatten(structure, leaves)(*at)  # noqa: E731
-    return jax.eval_shape(run, leaves, jax.ShapeDtypeStruct((), dtype), x, x).shape
+    run = lambda numbers, *at: eqx.combine(numbers, others)(*at)  # noqa: E731
+    return jax.eval_shape(run, numbers, jax.ShapeDtypeStruct((), dtype), x, x).shape

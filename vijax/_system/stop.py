@@ -1,5 +1,6 @@
 """Stops: rigid walls on one side of one mass."""
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import equinox as eqx
@@ -18,6 +19,15 @@ def check_side(side: Any) -> None:
         raise ValueError(
             f'Argument `side` must be "upper" (x <= position) or "lower" (x >= position), but is {side!r}.'
         )
+
+
+def mass_of_stop(mass: Any, contact: str) -> int:
+    """Index of the mass of a stop; `contact` is the name of the class that takes a row of masses."""
+    if isinstance(mass, Mapping):
+        raise ValueError(
+            f"Argument `mass` must be the index of one mass, but is {mass}. A row is a `{contact}`."
+        )
+    return whole_number("mass", mass)
 
 
 class Stop(AbstractRigidLimit):
@@ -71,7 +81,7 @@ class Stop(AbstractRigidLimit):
         restitution: ArrayLike | AbstractRestitution = 1.0,
         motion: Harmonic | None = None,
     ):
-        self.mass = whole_number("mass", mass)
+        self.mass = mass_of_stop(mass, "vx.Contact")
         self.position = as_float(position, "position")
         self.side = side
         self.restitution = as_restitution(restitution)

@@ -64,12 +64,14 @@ class _Limit(NamedTuple):
         row: its row, (n,).
         place: position or, of friction, velocity along the row, at some instants.
         law: its other numbers, a pytree.
+        contact: number of the stop that presses, of friction of contacts; None of all else.
     """
 
     kind: str
     row: np.ndarray
     place: Callable[[np.ndarray], np.ndarray]
     law: Any
+    contact: int | None = None
 
     @property
     def is_odd(self) -> bool:
@@ -106,8 +108,6 @@ class _Machine(NamedTuple):
 
     @classmethod
     def of(cls, system: Any, force: BoundForce | None) -> "_Machine":
-        if any(one.is_tied for one in system.friction):
-            raise ValueError("Symmetries of machines with friction of contacts are not found yet.")
         mass = np.asarray(system.mass, float)
         matrices = np.stack(
             [np.diag(mass) if mass.ndim == 1 else mass, *map(np.asarray, (system.damping, system.stiffness))]
@@ -145,7 +145,7 @@ def _limit_of(stop: Any, n: int) -> _Limit:
 
 def _friction_of(one: Any, n: int) -> _Limit:
     row, velocity = _row_of(one.coefficients, n), float(one.velocity)
-    return _Limit("friction", row, lambda at: velocity + 0 * at, (one.force, one.grip))
+    return _Limit("friction", row, lambda at: velocity + 0 * at, (one.slip, one.grip), one.contact)
 
 
 def _slider_of(one: Any, n: int) -> _Limit:
@@ -303,14 +303,19 @@ def _symmetry(machine: _Machine, matrix: np.ndarray, shift: Fraction) -> Symmetr
 def _pairs(machine: _Machine, matrix: np.ndarray, shift: float) -> list[tuple[int, int]] | None:
     """For each limit its partner and the sign of the row; None if one has none.
 
-    Limits of one row are paired in the order of their places, as all are moved alike.
+    Limits of one row are paired in the order of their places, as all are moved alike; friction of contacts after those, as its
+    partner is pressed by the partner of its contact.
     """
     limits, instants = machine.limits, _instants()
     taken: list[int] = []
     found: dict[int, tuple[int, int]] = {}
-    for j in sorted(range(len(limits)), key=lambda j: float(np.mean(limits[j].place(instants)))):
-        options = []
+    places = [float(np.mean(one.place(instants))) for one in limits]
+    for j in sorted(range(len(limits)), key=lambda j: (limits[j].contact is not None, places[j])):
+        options, contact = [], limits[j].contact
+        pressing = None if contact is None else found[contact][0]
         for k, other in enumerate(limits):
+            if other.contact != pressing:
+                continue
             for sign in (1, -1) if other.is_odd else (1,):
                 is_row = _is_near(limits[j].row @ matrix, sign * other.row)
                 if k not in taken and is_row and limits[j].is_like(other):
@@ -331,7 +336,10 @@ def _offset(
     load, later = machine.load(instants), machine.load(instants + shift)
     change = load - later @ matrix.T
     length = max((np.abs(one.place(instants)).max() for one in machine.limits), default=0.0)
-    size = max(np.abs(load).max(initial=0), np.abs(stiffness).max() * length, 1e-300)
+    stiff, pushed = np.abs(stiffness).max(initial=0), np.abs(load).max(initial=0)
+    # Stops at 0 give no length: that to which the load stretches the springs does.
+    length = max(length, pushed / stiff if stiff > 0 else 0.0)
+    size = max(pushed, stiff * length, 1e-300)
     rows, values, sizes = [*stiffness], [*change.T], [size] * len(stiffness)
     for one, (k, sign) in zip(machine.limits, pairs, strict=True):
         away = one.place(instants) - sign * machine.limits[k].place(instants + shift)

@@ -92,7 +92,7 @@ def relative_motion(
             mark = {"color": ink(), "markersize": 4, "zorder": 3, "label": label_if_new(ax, "impact")}
             ax.plot(when[is_hit], factor * at_events[is_hit, number], "o", **mark)
     finish_time_axis(ax, drawn, so_far, units)
-    ax.set_ylabel(with_unit(f"${in_symbols(row)}$", LENGTH, units))
+    ax.set_ylabel(with_unit(f"Relative position ${in_symbols(row)}$", LENGTH, units))
     add_legend(ax, is_shown=legend)
     return ax
 
