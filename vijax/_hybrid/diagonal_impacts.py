@@ -58,13 +58,13 @@ def resolve(
     """Apply the impacts of this instant, then stick and release masses; the load may jump, see `past_knots`."""
     v_minus = machine.contacts.along(state.v)
     hit = is_event & ~state.held & (v_minus > 0)
-    x, v, closed = at_own_times(machine, state, hit, *rebound(machine, state, hit))
+    none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
+    x, v, closed = at_own_times(machine, state, hit, *rebound(machine, state, hit), zeros)
     # The gap of a hit stop is zero; that on the other side of the mass is recomputed.
     afresh = machine.contacts.sharing_mass(hit)
     gap = jnp.where(hit, closed, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))
     contact = jnp.where(hit, jnp.int8(1), state.contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
-    none, zeros = jnp.zeros_like(hit), jnp.zeros_like(gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, v_minus, machine.contacts.along(v), zeros, arrived, state.time)
     if not machine.can_stick:

@@ -28,8 +28,9 @@ def at_own_times(
     hit: Bool[Array, "stops ..."],
     x: Float[Array, "n ..."],
     v: Float[Array, "n ..."],
+    gap: Float[Array, "stops ..."],
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "stops ..."]]:
-    """Positions and velocities after impacts, and their gaps, which are zero, with derivatives as if each had its own time.
+    """Positions, velocities and gaps after impacts, with derivatives as if each had its own time.
 
     Args:
         machine: with stops of single masses.
@@ -37,21 +38,22 @@ def at_own_times(
         hit: flags of the stops hit.
         x: positions after the impacts.
         v: velocities after the impacts.
+        gap: gaps of the stops hit, zero.
     """
-    del machine, hit
-    return x, v, jnp.zeros_like(before.gap)
+    del machine, before, hit
+    return x, v, gap
 
 
 @at_own_times.def_jvp
 def _at_own_times_jvp(primals, tangents):
-    machine, before, hit, x, v = primals
+    machine, before, hit, x, v, gap = primals
     found = at_own_times(*primals)
     x_change, v_change = (
-        jnp.zeros_like(a) if t is None else t for a, t in zip((x, v), tangents[3:], strict=True)
+        jnp.zeros_like(a) if t is None else t for a, t in zip((x, v), tangents[3:5], strict=True)
     )
     gap_change = None if tangents[1] is None else tangents[1].gap
     if gap_change is None:
-        return found, (x_change, v_change, jnp.zeros_like(before.gap))
+        return found, (x_change, v_change, jnp.zeros_like(gap))
     contacts, hold = machine.contacts, machine.hold(before.held)
     delay = jnp.where(hit, gap_change / jnp.where(hit, contacts.along(before.v), 1), 0)
     of_mass = matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), delay)
