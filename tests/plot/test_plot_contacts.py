@@ -221,9 +221,9 @@ def test_a_bifurcation_diagram_of_a_contact_has_its_speeds_of_approach(breathing
     system = box(WALL, BREATHING)
     ds = vx.sweep(system, {PATH: [0.7, 0.8, 0.9]}, transient=3, record=2, progress=False)
     top, middle, bottom = vx.plot.bifurcation(ds, None, ordinate="relative velocity")
-    words = "Speed of approach before impact\nat contact {}"
+    words = "Speed of approach before\nimpact at contact {}"
     assert [ax.get_ylabel() for ax in (top, middle)] == [words.format(0), words.format(1)]
-    assert bottom.get_ylabel() == "Velocity before impact, relative\nto stop 2"
+    assert bottom.get_ylabel() == "Velocity before impact,\nrelative to stop 2"
     phases = vx.plot.bifurcation(ds, 0, ordinate="phase")
     assert phases.get_ylabel() == "Phase $\\varphi$ of impact\nat contact 0 (rad)"
     # Orbits drawn over it: speeds of approach are already relative to the contact.
