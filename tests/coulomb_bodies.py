@@ -12,24 +12,11 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+from resting_bodies import Rigid
 
 # Speeds and gaps, in machines of size one, that are zero; speed below which an impact has no rebound.
 ZERO, SLOWEST = 1e-11, 1e-9
 _ORDER = 24
-
-
-class Rigid(NamedTuple):
-    row: np.ndarray
-    position: float
-    restitution: float
-
-
-class Soft(NamedTuple):
-    row: np.ndarray
-    position: float
-    stiffness: float
-    damping: float
-    preload: float
 
 
 class Rubbing(NamedTuple):

@@ -68,7 +68,21 @@ def added_by_halves(a: Float[Array, "rows ..."]) -> Float[Array, "..."]:
     return a[0]
 
 
-class OneOrder(AbstractSeries):
+class _AfterStart(AbstractSeries):
+    """Series that go on from those of order 0, `start`."""
+
+    start: eqx.AbstractVar[Series]
+
+    @property
+    def plan(self) -> Plan:
+        return self.start.plan
+
+    @property
+    def like(self) -> Array:
+        return self.start.like
+
+
+class OneOrder(_AfterStart):
     """Coefficients of one order k > 0.
 
     Attributes:
@@ -83,14 +97,6 @@ class OneOrder(AbstractSeries):
 
     def __init__(self, start: Series, row: Row, sums: Convolution):
         self.start, self.row, self.sums = start, row, sums
-
-    @property
-    def plan(self) -> Plan:
-        return self.start.plan
-
-    @property
-    def like(self) -> Array:
-        return self.start.like
 
     def coefficient(self, operand: Operand, k: Order) -> Coefficient:
         """Coefficient of a series; of order k whatever `k` is."""
@@ -178,7 +184,7 @@ class _OneOrder(Read):
         return plus(times(1 / k, total), times(p, times(self(a, k), self(b, 0))))
 
 
-class LoopSeries(AbstractSeries):
+class LoopSeries(_AfterStart):
     """Series of which a loop has kept some.
 
     Attributes:
@@ -193,14 +199,6 @@ class LoopSeries(AbstractSeries):
 
     def __init__(self, start: Series, later: dict[int, Array], num_orders: int):
         self.start, self.later, self.num_orders = start, later, num_orders
-
-    @property
-    def plan(self) -> Plan:
-        return self.start.plan
-
-    @property
-    def like(self) -> Array:
-        return self.start.like
 
     @property
     def given(self) -> tuple[Any, list[Any], list[Any]]:
