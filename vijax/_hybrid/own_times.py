@@ -10,6 +10,8 @@ both orders. Contacts that share inertia, such as those of neighbours in a chain
 the order, and has no derivative.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -46,14 +48,11 @@ def at_own_times(
 
 @at_own_times.def_jvp
 def _at_own_times_jvp(primals, tangents):
-    machine, before, hit, x, v, gap = primals
+    machine, before, hit, x, v, _ = primals
     found = at_own_times(*primals)
-    x_change, v_change = (
-        jnp.zeros_like(a) if t is None else t for a, t in zip((x, v), tangents[3:5], strict=True)
-    )
-    gap_change = None if tangents[1] is None else tangents[1].gap
+    (x_change, v_change, change), gap_change = _changes(found, tangents)
     if gap_change is None:
-        return found, (x_change, v_change, jnp.zeros_like(gap))
+        return found, (x_change, v_change, change)
     contacts, hold = machine.contacts, machine.hold(before.held)
     delay = jnp.where(hit, gap_change / jnp.where(hit, contacts.along(before.v), 1), 0)
     of_mass = matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), delay)
@@ -76,7 +75,7 @@ def _at_own_times_jvp(primals, tangents):
     ahead, behind = acceleration(before.x, before.v) - others, acceleration(x, v) + others
     pulled = by_dampers(loss * of_mass)
     own = reflected(ahead * of_mass) - behind * of_mass + (pulled + reflected(pulled)) / 2
-    return found, (x_change - v * of_mass, v_change + own, contacts.along(v) * delay)
+    return found, (x_change - v * of_mass, v_change + own, change + contacts.along(v) * delay)
 
 
 @eqx.filter_custom_jvp
@@ -98,10 +97,7 @@ def contacts_at_own_times(
 def _contacts_at_own_times_jvp(primals, tangents):
     machine, before, hit, closed, _, v, gap = primals
     found = contacts_at_own_times(*primals)
-    x_change, v_change, change = (
-        jnp.zeros_like(a) if t is None else t for a, t in zip(found, tangents[4:], strict=True)
-    )
-    gap_change = None if tangents[1] is None else tangents[1].gap
+    (x_change, v_change, change), gap_change = _changes(found, tangents)
     if gap_change is None:
         return found, (x_change, v_change, change)
     contacts, phase_rate = machine.contacts, machine.phase_rate(before.phase)
@@ -122,6 +118,14 @@ def _contacts_at_own_times_jvp(primals, tangents):
         v_change + gain,
         change + jnp.where(closed, 0, contacts.along(way)),
     )
+
+
+def _changes(found: tuple[Array, ...], tangents: Sequence) -> tuple[list[Array], Array | None]:
+    """Derivatives of what is handed in, zero where there are none, and those of the gaps before the impacts."""
+    before = tangents[1]
+    given = tangents[-len(found) :]
+    changes = [jnp.zeros_like(a) if t is None else t for a, t in zip(found, given, strict=True)]
+    return changes, None if before is None else before.gap
 
 
 def _slopes(machine: Machine, before: State, unit: Array, rise: Array, speed: Array, alone: Array) -> Array:
