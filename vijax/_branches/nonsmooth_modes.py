@@ -95,7 +95,8 @@ def nonsmooth_modes(
         `x0` and `v0` (mass,), a state of the motion, `multipliers` (two are 1), `is_stable` (none is larger), `num_impacts` (stop,) of a
         period, `residual`, and `bifurcation`, "gr" where the events change. Attribute `ends`: why each family ends, "energy", or
         as for `vx.continuation`. A mode that touches several stops at once goes on with them where a symmetry of the machine keeps
-        it; others end there, "several_impacts". Multipliers are those of the whole machine, NaN at a grazing of several stops.
+        it; others end there, "several_impacts". Behind a later touch of two stops half a period apart the family may be one that hits
+        a single one of them. Multipliers are those of the whole machine, NaN at a grazing of several stops.
 
     Raises:
         ValueError: for a machine that loses or gains energy, touches a stop at rest, or has another form; or if 64-bit numbers are off.
