@@ -1,4 +1,4 @@
-"""Branches, quantities, curves and values of bifurcations of a machine whose base moves by a wave form, and of its family."""
+"""Branches, quantities along them, and values of bifurcations of a machine whose base moves by a wave form."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import vijax as vx
 
 pytestmark = pytest.mark.thorough
 
-FREQUENCY, POSITION = "forcing.frequency", "stops[0].position"
+FREQUENCY = "forcing.frequency"
 PHASES = 2 * np.pi * np.arange(8) / 8
 HEIGHT = 0.5
 # Samples miss a maximum by the curvature of the motion.
@@ -49,53 +49,19 @@ def test_absolute_accelerations_along_a_branch_are_those_of_its_motions(branch):
 
 
 def test_peaks_are_stationary(branch):
-    assert len(branch.peaks) > 0
-    peak = branch.peaks[0]
-    size = lambda w: np.ptp(_positions(w, peak.orbit))  # noqa: E731
-    here, step = size(peak.value), 1e-3
-    ahead, behind = size(peak.value + step) - here, size(peak.value - step) - here
-    assert ahead * behind > 0
-    assert abs(ahead - behind) < 0.1 * abs(ahead + behind)
-
-
-def _positions(frequency: float, orbit: vx.PeriodicOrbit) -> np.ndarray:
-    system = machine(frequency)
-    near = vx.periodic_orbit(system, orbit.x0, orbit.v0, orbit.num_periods)
-    ts = np.linspace(0.0, float(near.period), 20_001)
-    return np.asarray(vx.simulate(system, 0.0, ts[-1], near.x0, near.v0, ts=ts, max_events=32).xs)[:, 0]
+    values, step = np.array([peak.value for peak in branch.peaks]), 1e-3
+    swept = {FREQUENCY: np.concatenate([values - step, values, values + step])}
+    asked = {"transient": 400, "record": 4, "quantities": ["peak_to_peak"], "progress": False}
+    behind, here, ahead = vx.sweep(machine(), swept, **asked).peak_to_peak.values[:, 0].reshape(3, -1)
+    for k in (0, -1):
+        assert ahead[k] - here[k] == pytest.approx(behind[k] - here[k], rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["gr", "fold"])
-def test_values_and_curves_of_bifurcations_agree(branch, kind: str):
+def test_values_of_bifurcations_are_those_of_the_branch_and_have_their_slopes(branch, kind: str):
     point = next(one for one in branch.bifurcations if one.kind == kind)
     value = lambda height: vx.bifurcation_value(point, machine(height=height))  # noqa: E731
     assert float(value(HEIGHT)) == pytest.approx(point.value, abs=1e-12)
     slope, step = float(jax.grad(value)(HEIGHT)), 1e-5
     differences = float(value(HEIGHT + step) - value(HEIGHT - step)) / (2 * step)
     assert slope == pytest.approx(differences, rel=1e-7)
-    bounds = {FREQUENCY: (0.55, 1.2), POSITION: (0.25, 0.35)}
-    curve = vx.bifurcation_curve(point, POSITION, bounds, max_points=8, progress=False)
-    there = curve.isel(point=curve.sizes["point"] // 2)
-    own = vx.bifurcation_value(point, machine(position=float(there[POSITION])))
-    assert float(own) == pytest.approx(float(there[FREQUENCY]), abs=1e-10)
-
-
-def test_a_branch_along_a_value_of_a_family_is_that_of_its_machines():
-    family = vx.Family(machine, frequency=0.8)
-    found = vx.continuation(settled(family), "height", (0.4, 0.6), progress=False)
-    for k in (0, len(found) - 1):
-        x, v = vx.stroboscopic_map(machine(height=found.values[k]), found.points.x0[k], found.points.v0[k])
-        np.testing.assert_allclose(x, found.points.x0[k], rtol=0, atol=1e-11)
-        np.testing.assert_allclose(v, found.points.v0[k], rtol=0, atol=1e-11)
-
-
-def test_a_branch_along_one_value_of_the_wave_form_is_that_of_its_machines():
-    path = "forcing.values[0][0]"
-    found = vx.continuation(settled(machine()), path, (0.45, 0.55), progress=False)
-    values = np.array(machine().forcing.values)
-    for k in (0, len(found) - 1):
-        values[0] = found.values[k]
-        load = vx.Waveform(PHASES, values, 0.8, "cubic")
-        system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [vx.Stop(0, 0.3, "upper", 0.7)])
-        x, _ = vx.stroboscopic_map(system, found.points.x0[k], found.points.v0[k])
-        np.testing.assert_allclose(x, found.points.x0[k], rtol=0, atol=1e-11)
