@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .._jax.arrays import matvec
 from .._machine.contacts import Held
@@ -88,3 +88,11 @@ def sign_just_after(
     for value, error in zip(values[::-1], errors[::-1], strict=True):
         sign = jnp.where(jnp.abs(value) <= error, sign, jnp.sign(value))
     return sign
+
+
+def zeros_just_after(
+    values: list[Float[Array, "contacts ..."]], errors: list[Float[Array, "contacts ..."]]
+) -> Int[Array, "contacts ..."]:
+    """Number of leading ones, up to two, of a function and its derivatives that are rounding."""
+    is_zero = [jnp.abs(a) <= error for a, error in zip(values[:2], errors[:2], strict=True)]
+    return jnp.where(is_zero[0], jnp.where(is_zero[1], 2, 1), 0).astype(jnp.int8)
