@@ -24,6 +24,7 @@ from .decision import AtRest, Decision, decide, no_decision
 from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
 from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
+from .guards import has_one_guard
 from .hysteresis_limits import at_limits, sliders_driven, sliders_settled
 from .sticking import usual_speeds
 from .tied_friction import loaded, unloaded
@@ -310,8 +311,10 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     gap = jnp.where((held | found.kept) & ~friction, 0, state.gap)
     # The guard of friction is a velocity, and vanishes to one order less than a gap.
     moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3)) - friction.astype(jnp.int8)
-    # Nor does one that holds give way at once: what is zero of its room is no event.
-    contact = jnp.where(found.held, found.begins[0], jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
+    # Nor does one that holds give way at once: what is zero of its room is no event. Both rooms may have one guard.
+    first, second = found.begins
+    holds = jnp.maximum(first, second) if has_one_guard(machine) else first
+    contact = jnp.where(found.held, holds, jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
     contact = jnp.where(elements, contact, state.contact)
     # On a belt a gap still changes.
     is_still = _is_rounding(contacts.speeds(v, machine.phase_rate(state.phase)), contacts.size(jnp.abs(v)))
