@@ -147,7 +147,10 @@ def at_its_limit(rng: np.random.Generator) -> Scene:
         np.array([of(mu, -mu, 0.0, mu / 2), -1.0]),
         np.array([of(0.0, mu, mu / 2), of(0.0, 0.5, 1.5)]),
     )
-    stiffness, phase = np.diag([of(0.0, 0.5, 1.0), 0.0]), np.array([of(0.0, np.pi, np.pi / 2), of(0.0, np.pi)])
+    stiffness, phase = (
+        np.diag([of(0.0, 0.5, 1.0), 0.0]),
+        np.array([of(0.0, np.pi, np.pi / 2), of(0.0, np.pi)]),
+    )
     bodies = Bodies(
         np.eye(2), 0 * stiffness, stiffness, mean, amplitude, phase, of(1.0, 0.5), contacts, friction
     )
