@@ -15,7 +15,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.guards import events_of_steps, guards_of_steps, is_idle, leading_zeros, select_active
 from .._hybrid.limits import GAP, Limit
@@ -176,7 +176,8 @@ def flight_along(
     series = compute_once(near_future, machine, moved, hold)
     idle = None if rests is None else is_idle(moved, machine) | rests.vanishes
     ahead = ahead if until is None else jnp.minimum(ahead, until)
-    delays = compute_once(_delays, near, moved, series, hold, is_root, ahead - step, idle)
+    order = leading_zeros(state, machine) if machine.contacts.is_switching else None
+    delays = compute_once(_delays, near, moved, series, hold, is_root, ahead - step, idle, order)
     delay = smallest(delays)
     is_event = (delays <= delay + simultaneity_tolerance(machine)) & (delays < jnp.inf)
     # Not before the start of the step: events of one instant come in causal order.
@@ -293,6 +294,7 @@ def _delays(
     is_root: Bool[Array, "stops ..."],
     ahead: Scalar,
     idle: Bool[Array, "stops ..."] | None,
+    order: Int[Array, "stops ..."] | None,
 ) -> Float[Array, "stops ..."]:
     """Time to the next event of every stop, if it is near; else infinite.
 
@@ -307,6 +309,7 @@ def _delays(
         is_root: stops on whose event the step ended, to rounding, or of machines that switch close to it.
         ahead: longest time to an event.
         idle: flags of guards without events, None if each has some.
+        order: number of leading coefficients of guards that vanish at the start of the step, of machines that switch.
     """
     num_terms = len(series[0])
 
@@ -321,6 +324,9 @@ def _delays(
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
     delay = 2 * value / (root - jnp.where(is_simple, slope, 0))
     is_switching = machine.contacts.is_switching
+    if order is not None:
+        # One that falls all along from where it and its slope vanish, and rises then, has touched zero, up to rounding.
+        is_simple = is_simple & ~((order >= 2) & (curve > 0))
     # From farther away the parabola must be better.
     is_simple = is_simple & (jnp.abs(bend) * delay * delay <= (1e-4 if is_switching else 1e-3) * root)
     # Two steps of Newton's method with one division: the parabola has the slope -root at its zero, and the reciprocal

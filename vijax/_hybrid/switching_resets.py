@@ -20,10 +20,11 @@ from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, Sta
 from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._system.checks import is_touching
 from .coupled_impacts import impact
-from .decision import AtRest, Decision, decide
+from .decision import AtRest, Decision, decide, no_decision
 from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
 from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
+from .guards import has_one_guard
 from .hysteresis_limits import at_limits, sliders_driven, sliders_settled
 from .sticking import usual_speeds
 from .tied_friction import loaded, unloaded
@@ -295,7 +296,8 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     slips = jnp.where(found.kept, SATURATED, 1) * found.act
     direction = jnp.where(elements & friction, slips, mode.direction).astype(jnp.int8)
     paradox = None if mode.paradox is None else mode.paradox | found.is_paradox
-    mode = Mode(mode.closed | yields, mode.inside, direction, mode.begins, paradox)
+    begins = jnp.where(found.held, found.begins[1], mode.begins)
+    mode = Mode(mode.closed | yields, mode.inside, direction, begins, paradox)
     state = eqx.tree_at(lambda s: s.mode, state, mode)
     held = state.held | found.held
     if paradox is not None:
@@ -309,7 +311,10 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     gap = jnp.where((held | found.kept) & ~friction, 0, state.gap)
     # The guard of friction is a velocity, and vanishes to one order less than a gap.
     moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3)) - friction.astype(jnp.int8)
-    contact = jnp.where(found.held, jnp.int8(0), jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
+    # Nor does one that holds give way at once: what is zero of its room is no event. Both rooms may have one guard.
+    first, second = found.begins
+    holds = jnp.maximum(first, second) if has_one_guard(machine) else first
+    contact = jnp.where(found.held, holds, jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
     contact = jnp.where(elements, contact, state.contact)
     # On a belt a gap still changes.
     is_still = _is_rounding(contacts.speeds(v, machine.phase_rate(state.phase)), contacts.size(jnp.abs(v)))
@@ -345,7 +350,7 @@ def _decided_with(
 
     none = jnp.zeros_like(lightest)
     is_paradox = None if state.mode.paradox is None else jnp.zeros_like(state.mode.paradox)
-    start = Decision(jnp.zeros_like(at_rest.at_bound), none, none, none, none, is_paradox)
+    start = no_decision(at_rest)._replace(is_paradox=is_paradox)
     first = (start, none, jnp.zeros_like(none[0]), jnp.array(0))
     found, among, *_ = jax.lax.while_loop(goes_on, once_more, first)
     return found, AtRest(among, at_rest.at_bound)
