@@ -223,7 +223,7 @@ def _repeat_jvp(primals, tangents):
     (out, rest), lin = call(linearized, moving, still)
     # XLA refuses large sums in a kernel, as products of matrices of contacts become where many tangents are side by side.
     contacts = primals[0].machine.contacts
-    push = compute_once if contacts.is_switching or contacts.is_coupled else call
+    push = compute_once if contacts.is_coupled else call
     change = push(lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None))
     return eqx.combine(out, rest), change
 
