@@ -81,8 +81,8 @@ def test_a_machine_of_a_family_is_drawn():
     def drawn(machine) -> list[np.ndarray]:
         ax = vx.plot.machine(machine)
         return [
-            *(line.get_xydata() for line in ax.lines),
-            *(patch.get_path().vertices for patch in ax.patches),
+            *(np.asarray(line.get_xydata()) for line in ax.lines),
+            *(np.asarray(patch.get_path().vertices) for patch in ax.patches),
         ]
 
     of_family, of_machine = drawn(vx.Family(rotor, frequency=0.8)), drawn(rotor(frequency=0.8))
