@@ -90,6 +90,12 @@ def kinds_of_elements(system: ImpactSystem) -> list[int]:
     return kinds + [FRICTION] * len(system.friction) + [JENKINS] * len(system.hysteresis)
 
 
+def contacts_of_elements(system: ImpactSystem) -> list[int]:
+    """Number of the contact that presses each element, -1 for all but friction of contacts."""
+    of_friction = [-1 if element.contact is None else element.contact for element in system.friction]
+    return [-1] * len(system.stops) + of_friction + [-1] * len(system.hysteresis)
+
+
 def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
     """Laws of the elements of a machine, None if all its contacts are rigid; `of_contacts` makes an array of a list."""
     if not system.is_switching:
@@ -102,7 +108,7 @@ def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
         return of_contacts([getattr(element, name) if kind in own else 0.0 for kind, element in pairs])
 
     tied = [kind == FRICTION and element.is_tied for kind, element in zip(kinds, elements, strict=True)]
-    normal = [element.contact if is_tied else -1 for is_tied, element in zip(tied, elements, strict=True)]
+    normal = contacts_of_elements(system)
 
     def of_friction(name: str, *, is_tied: bool = False) -> Reals:
         own = [kind == FRICTION and each == is_tied for kind, each in zip(kinds, tied, strict=True)]

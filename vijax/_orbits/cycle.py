@@ -30,8 +30,8 @@ from .rigid_modes import closing_pin, of_positions
 from .sequence import NOTHING, Sequence, held_in
 from .switching_events import Event, end_of_flight, instant_of, leading_zeros_of, with_stretches_of
 
-# Duration, in forcing periods, below which a flight has none when residuals are divided by it.
-_MOMENT = 1e-12
+# MOMENT: duration, in forcing periods, below which a flight has none when residuals are divided by it.
+MOMENT = 1e-12
 # Share of a row along a shift that a cycle may progress by, above which that is pinned in place of its slider.
 _PINNED = 1e-9
 
@@ -368,7 +368,7 @@ def _regular(value: Scalar, event: Event, duration: Scalar) -> Scalar:
     """Value of a guard, divided by the duration of its flight as often as `leading_zeros_of` tells."""
     if event.zeros is None:
         return value
-    divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < _MOMENT, _MOMENT, duration), 1)
+    divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < MOMENT, MOMENT, duration), 1)
     return value / jnp.where(event.zeros == 2, divisor * divisor, divisor)
 
 
