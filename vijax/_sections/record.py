@@ -167,7 +167,7 @@ def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_always_held(sol: Solution, stop: int) -> bool:
-    """Whether an element without events holds from the start."""
+    """True if an element without events holds from the start."""
     is_at_rest = bool(np.concatenate([sol.stuck1, sol.sticking1])[stop])
     if is_at_rest or sol.machine.contacts.kinds[stop] != COMPLIANT:
         return is_at_rest

@@ -453,7 +453,7 @@ def with_args(system: AnySystem, args: object) -> ImpactSystem:
 
 
 def varied(system: AnySystem, args: object) -> AnySystem:
-    """What has the parameters: a family as it is, or a machine with its force bound to `args`.
+    """Owner of the parameters: a family as it is, or a machine with its force bound to `args`.
 
     Raises:
         ValueError: for a family with `args`, which would be parameters beside its own.

@@ -83,7 +83,7 @@ class Found(NamedTuple):
 
     @property
     def is_paused(self) -> bool:
-        """Whether another call is needed."""
+        """True if the motion goes on in another call."""
         return bool(np.asarray(self.left.wholes)[0])
 
 
