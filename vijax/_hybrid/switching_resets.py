@@ -172,23 +172,8 @@ def _switch(
     at_limit = jnp.zeros_like(hit)
     if COMPLIANT in contacts.laws.kinds:
         state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
-    direction = state.mode.direction
-    # An impact without rebound may end the sliding of an element along its row. Elements side by side arrive together.
-    size = contacts.size(jnp.abs(before.v)) + jnp.abs(contacts.laws.velocity)
-    size = size + jnp.where(is_struck, 0, usual_speeds(machine, before))
-    arrives = is_now & friction & (direction != 0) & (events.first & ~is_struck | _is_rounding(speed, size))
-    events = Zeros(events.first | arrives & ~is_struck, events.second)
-    is_stopped = friction & is_struck & _is_rounding(speed, size)
-    is_stopped = is_stopped if sticks is None else is_stopped | sticks
-    arrives = arrives | is_stopped
-    new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
-    direction = jnp.where(arrives, 0, new).astype(jnp.int8)
-    # Friction beside a contact that held slides as soon as an impact tears that away.
-    contact = jnp.where(friction & is_set_off, jnp.int8(0), state.contact)
-    names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
-    state = eqx.tree_at(names, state, (direction, stays & before.held, contact))
-    if sticks is not None:
-        state = unloaded(machine, state, stays | state.mode.closed)
+    struck = _Struck(speed, is_struck, is_set_off, stays)
+    state, arrives, events, size = _friction_switched(machine, before, state, events, struck, is_now, sticks)
 
     chatter, none = no_chatter(state), jnp.zeros_like(hit)
     if RIGID in contacts.laws.kinds:
@@ -232,6 +217,59 @@ def _switch(
     after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
     ended = jnp.where(events.first, 1, 2 * events.second)
     return after, logged(machine, before, after, instant, ended, duration)
+
+
+class _Struck(NamedTuple):
+    """Elements behind the impacts of an instant.
+
+    Attributes:
+        speed: speeds of approach and sliding velocities, (contacts,).
+        flags: flags of the elements whose speed the impacts change, (contacts,).
+        is_set_off: flags of those among them that were at rest.
+        stays: flags of the elements that stay at rest.
+    """
+
+    speed: Float[Array, "contacts ..."]
+    flags: Bool[Array, "contacts ..."]
+    is_set_off: Bool[Array, "contacts ..."]
+    stays: Bool[Array, "contacts ..."]
+
+
+def _friction_switched(
+    machine: Machine,
+    before: State,
+    state: State,
+    events: Zeros,
+    struck: _Struck,
+    is_now: Flag,
+    sticks: Bool[Array, "stops ..."] | None,
+) -> tuple[State, Bool[Array, "contacts ..."], Zeros, Float[Array, "contacts ..."]]:
+    """State with friction that arrives at rest or is set off, flags of what arrives, zeros, and sizes of the velocities."""
+    contacts = machine.contacts
+    friction = contacts.are(FRICTION)
+    direction = state.mode.direction
+    # An impact without rebound may end the sliding of an element along its row. Elements side by side arrive together.
+    size = contacts.size(jnp.abs(before.v)) + jnp.abs(contacts.laws.velocity)
+    size = size + jnp.where(struck.flags, 0, usual_speeds(machine, before))
+    arrives = (
+        is_now
+        & friction
+        & (direction != 0)
+        & (events.first & ~struck.flags | _is_rounding(struck.speed, size))
+    )
+    events = Zeros(events.first | arrives & ~struck.flags, events.second)
+    is_stopped = friction & struck.flags & _is_rounding(struck.speed, size)
+    is_stopped = is_stopped if sticks is None else is_stopped | sticks
+    arrives = arrives | is_stopped
+    new = jnp.where(friction & struck.flags, jnp.sign(struck.speed), direction)
+    direction = jnp.where(arrives, 0, new).astype(jnp.int8)
+    # Friction beside a contact that held slides as soon as an impact tears that away.
+    contact = jnp.where(friction & struck.is_set_off, jnp.int8(0), state.contact)
+    names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
+    state = eqx.tree_at(names, state, (direction, struck.stays & before.held, contact))
+    if sticks is not None:
+        state = unloaded(machine, state, struck.stays | state.mode.closed)
+    return state, arrives, events, size
 
 
 def _is_rounding(speed: Array, size: Array) -> Bool[Array, "contacts ..."]:
