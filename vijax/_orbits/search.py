@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import is_any
+from .._machine.kinds import COMPLIANT
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
@@ -353,5 +354,7 @@ def _onto_stops(problem: Problem, z: Array) -> Array:
     contacts = problem.machine.contacts
     x, v = jnp.split(z, 2)
     phase = phase_at(2 * jnp.pi * problem.phase, problem.machine.waves.num_harmonics)
-    is_beyond = (contacts.gaps(x, phase) < 0) & contacts.is_rigid
+    is_beyond = contacts.gaps(x, phase) < 0
+    if COMPLIANT in contacts.kinds:
+        is_beyond = is_beyond & contacts.is_rigid
     return jnp.concatenate([contacts.with_closed_gaps(x, is_beyond, phase), v])

@@ -159,11 +159,11 @@ def _events_at(
 ) -> tuple[Bool[Array, "rows elements"], Int[Array, "rows elements"]]:
     """Flags and kinds of the events: zeros of guards that change what an element does; `changes` as of `_modes_at`."""
     ended, before, after = changes
+    if instants.switched is None:
+        return ended & is_row, jnp.where(instants.hit, IMPACT, RELEASE)
     kind: Any = LEAVE
     for number, flag in reversed([*enumerate(flags_by_kind(instants))]):
         kind = jnp.where(flag, number, kind)
-    if instants.switched is None:
-        return ended & is_row, kind
     is_zero = (ended > 0) & is_row
     is_change = is_zero & (instants.hit | instants.switched.turned | (effective(before) != effective(after)))
     # A zero without effect on its own element passes the load on to others.
