@@ -23,6 +23,7 @@ from .._flow.taylor import TaylorFlow
 from .._jax.arrays import Count, Numbers, real_number, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
+from .._machine.switching import kinds_of_elements
 from .._orbits.autonomous import with_unit
 from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import empty_sequence
@@ -305,7 +306,7 @@ def _parameter_family(system: ImpactSystem, mode: _Mode) -> ParameterFamily:
 
 def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) -> Requests[BranchPoint | None]:
     """The first orbit of a family that hits a stop; None if Newton's method finds none."""
-    room = empty_sequence(_ROOM, len(system.stops), is_switching=system.is_switching)
+    room = empty_sequence(_ROOM, tuple(kinds_of_elements(system)))
     room = jax.tree.map(np.asarray, room)
     for more in TRIALS_BEYOND_TOUCH:
         # From the middle of the swing, over the period of the linear mode.

@@ -23,6 +23,7 @@ from .._machine.state import State, with_memory
 from .._series.order_loop import LoopSeries
 from .._series.plan import Plan
 from .._series.series import Series, force_at
+from .arrival import arrival_of
 from .branches import DECIDING, Branches, branches_ahead, changes_at, modes_now, unknown_branches
 from .exact_step import ExpandingFlow, flight_along, move_along, state_after_step
 from .force_plan import plan_of
@@ -31,11 +32,8 @@ from .interface import Flight
 from .orders import Orders, as_array, slope_of, value_of
 from .series import derivative, horner, sum_series
 from .series_length import derivative_limit, is_consistent, motion_limit, time_limit
-from .switching_step import TERMS
 from .taylor import TaylorExpansion
 
-# Taylor terms by which an event is reached.
-_NEAR = 5
 # Longest step of a motion without any scale, in time scales of the machine.
 _LONGEST = 1e3
 # Quarterings of a step whose end contradicts the force.
@@ -263,7 +261,7 @@ class ForceFlow(ExpandingFlow):
 
     def _near_future(self, machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
         """First Taylor coefficients at the end of a step, in the branches that follow."""
-        terms = TERMS if machine.contacts.is_switching else _NEAR
+        terms = arrival_of(machine).terms
         is_alone = state.x.ndim == 1
 
         def of_one(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:

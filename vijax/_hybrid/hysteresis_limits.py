@@ -67,6 +67,7 @@ def _stretch(side: int, leading_zeros: Any) -> Limit:
         series=partial(_room_series, side),
         near=GAP.near,
         leading_zeros=leading_zeros,
+        speed=lambda machine, state, hold: side * machine.contacts.along(state.v) / machine.frequency,
     )
 
 

@@ -28,10 +28,9 @@ from .._system.restitution import Restitution
 from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
 from .contacts import Contacts, Hold
+from .kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .small_matrices import diagonal, inverse_of_block
 from .state import SATURATED, Mode, State
-
-RIGID, COMPLIANT, FRICTION, JENKINS = 0, 1, 2, 3
 
 
 class Laws(eqx.Module):
@@ -85,12 +84,23 @@ class Laws(eqx.Module):
         return self.normal is not None
 
 
+def kinds_of_elements(system: ImpactSystem) -> list[int]:
+    """Kinds of all elements of a machine, rigid contacts included."""
+    kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in system.stops]
+    return kinds + [FRICTION] * len(system.friction) + [JENKINS] * len(system.hysteresis)
+
+
+def contacts_of_elements(system: ImpactSystem) -> list[int]:
+    """Number of the contact that presses each element, -1 for all but friction of contacts."""
+    of_friction = [-1 if element.contact is None else element.contact for element in system.friction]
+    return [-1] * len(system.stops) + of_friction + [-1] * len(system.hysteresis)
+
+
 def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
     """Laws of the elements of a machine, None if all its contacts are rigid; `of_contacts` makes an array of a list."""
     if not system.is_switching:
         return None
-    kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in system.stops]
-    kinds += [FRICTION] * len(system.friction) + [JENKINS] * len(system.hysteresis)
+    kinds = kinds_of_elements(system)
     elements = [*system.stops, *system.friction, *system.hysteresis]
 
     def of(name: str, *own: int) -> Reals:
@@ -98,7 +108,7 @@ def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
         return of_contacts([getattr(element, name) if kind in own else 0.0 for kind, element in pairs])
 
     tied = [kind == FRICTION and element.is_tied for kind, element in zip(kinds, elements, strict=True)]
-    normal = [element.contact if is_tied else -1 for is_tied, element in zip(tied, elements, strict=True)]
+    normal = contacts_of_elements(system)
 
     def of_friction(name: str, *, is_tied: bool = False) -> Reals:
         own = [kind == FRICTION and each == is_tied for kind, each in zip(kinds, tied, strict=True)]
@@ -146,6 +156,11 @@ class SwitchingContacts(Contacts):
         self.laws, self.drag = laws, None
 
     @property
+    def kinds(self) -> tuple[int, ...]:
+        """Kind of every element."""
+        return self.laws.kinds
+
+    @property
     def num_stops(self) -> int:
         """Number of contacts, rigid and compliant, which come before friction."""
         return self.laws.num_stops
@@ -163,6 +178,11 @@ class SwitchingContacts(Contacts):
     def has_no_gap(self) -> Bool[Array, "contacts ..."]:
         """Flags of friction and Jenkins elements, which resist velocities."""
         return append_axes(jnp.asarray(self.laws.has_no_gap), self.limit)
+
+    @property
+    def has_gap(self) -> Bool[Array, "contacts ..."]:
+        """Flags of contacts, rigid and compliant."""
+        return ~self.has_no_gap
 
     def stretches(self, v: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Stretches of Jenkins elements, the last velocities; 0 for all others."""
@@ -194,6 +214,14 @@ class SwitchingContacts(Contacts):
         """Gaps after a displacement at one instant, without those of friction."""
         return jnp.where(self.has_no_gap & ~closed, gap, super().gap_moved(gap, closed, displacement))
 
+    def gap_placed(
+        self, gap: Array, closed: Array, held: Array, displacement: Array, x: Array, phase: Array
+    ) -> Array:
+        """Gaps after a displacement, those of contacts that hold closed; 1 for elements without."""
+        del x, phase
+        moved = self.gap_moved(gap, closed, displacement)
+        return jnp.where(held & self.has_gap, 0, jnp.where(self.has_gap, moved, 1))
+
     def speeds(self, v: Float[Array, "n ..."], phase_rate: Array) -> Float[Array, "contacts ..."]:
         """Speeds of approach to contacts, and sliding velocities of friction."""
         return self.towards(v, phase_rate) - self.laws.velocity
@@ -202,7 +230,7 @@ class SwitchingContacts(Contacts):
         """Gaps of contacts; 1 for elements without, which are never closed."""
         return jnp.where(self.has_no_gap, 1, self.limit - self.towards(x, phase))
 
-    def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
+    def gap_after(self, gap: Array, held: Array | bool, displacement: Array, change: Array) -> Array:
         """Gaps after a displacement, without those of friction."""
         return jnp.where(held | self.has_no_gap, gap, gap - self.towards(displacement, change))
 
@@ -238,10 +266,10 @@ class SwitchingContacts(Contacts):
         return x + way, v - self._by(self.inertia_among(held), lack)
 
     def without_speeds(
-        self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
+        self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Velocities without approach or sliding of flagged elements, nearest to v in the metric of M."""
-        lack = jnp.where(flags, self.speeds(v, phase_rate(phase, self.frequency)), 0)
+        lack = jnp.where(flags, self.speeds(v, phase_rate), 0)
         return v - self._by(self.inertia_among(flags), lack)
 
     def third_rest(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:

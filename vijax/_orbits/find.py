@@ -20,7 +20,7 @@ from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
 from .rigid_modes import closing_pin, drifts, free_drifts, free_shifts, num_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
-from .sequence import num_erased, num_stops_of
+from .sequence import kinds_of, num_erased, num_stops_of
 
 
 class OrbitSolution(eqx.Module):
@@ -51,7 +51,7 @@ def find(strobe: StroboscopicMap, guess: Reals) -> OrbitSolution:
 def search_alone(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
     """A search to its end, of a strobe whose flow is `compact`."""
     numbers = strobe.numbers
-    search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
+    search = begin_search(guess, kinds_of(numbers), strobe.room)
     follow = None
     if not strobe.flow.has_flow_map:
         follow = jax.jit(lambda z: strobe.run(z), inline=True)  # traced once

@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import is_any
+from .._machine.kinds import COMPLIANT
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
@@ -96,14 +97,14 @@ class Search(eqx.Module):
         return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
 
-def begin_search(guess: Float[Array, " state"], num_stops: int, room: int, *, is_switching: bool) -> Search:
-    """A search from a guess, with room for `room` events."""
+def begin_search(guess: Float[Array, " state"], kinds: tuple[int, ...], room: int) -> Search:
+    """A search from a guess, with room for `room` events of elements of some kinds."""
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
     cycle = Cycle(
         guess,
         unknowns,
-        empty_sequence(room, num_stops, is_switching=is_switching),
+        empty_sequence(room, kinds),
         guess + 0j,
         zero + jnp.inf,
     )
@@ -354,5 +355,6 @@ def _onto_stops(problem: Problem, z: Array) -> Array:
     x, v = jnp.split(z, 2)
     phase = phase_at(2 * jnp.pi * problem.phase, problem.machine.waves.num_harmonics)
     is_beyond = contacts.gaps(x, phase) < 0
-    is_beyond = is_beyond & contacts.is_rigid if contacts.is_switching else is_beyond
+    if COMPLIANT in contacts.kinds:
+        is_beyond = is_beyond & contacts.is_rigid
     return jnp.concatenate([contacts.with_closed_gaps(x, is_beyond, phase), v])

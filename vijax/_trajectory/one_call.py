@@ -20,7 +20,7 @@ from .._jax.arrays import UNROLLED, UNROLLED_ALONE, Reals
 from .._jax.packing import Layout, Packed, layout_of, pack
 from .._jax.xla import are_sums_in_kernels, jit_lightly
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, idle_mode, with_memory
+from .._machine.state import ModeLayout, State, with_memory
 from .._machine.tables import KnotsLayout
 from .grazing import Grazing
 from .loop import (
@@ -83,7 +83,7 @@ class Found(NamedTuple):
 
     @property
     def is_paused(self) -> bool:
-        """Whether another call is needed."""
+        """True if the motion goes on in another call."""
         return bool(np.asarray(self.left.wholes)[0])
 
 
@@ -134,17 +134,14 @@ class _Sizes(NamedTuple):
     n: int
     num_columns: int
     dtype: np.dtype
-    is_switching: bool
-    is_tied: bool
+    mode: ModeLayout | None
     knots: KnotsLayout | None
 
 
 def _sizes(numbers: MachineNumbers) -> _Sizes:
-    is_switching, is_tied = numbers.laws is not None, numbers.has_tied_friction
     num_contacts, n = numbers.rows.shape
-    return _Sizes(
-        num_contacts, n, numbers.num_columns, numbers.mass.dtype, is_switching, is_tied, numbers.knots_layout
-    )
+    modes, knots = numbers.mode_layout, numbers.knots_layout
+    return _Sizes(num_contacts, n, numbers.num_columns, numbers.mass.dtype, modes, knots)
 
 
 @lru_cache
@@ -236,7 +233,7 @@ def _has_memory(flow: AbstractFlow) -> bool:
 
 @lru_cache
 def _nothing(sizes: _Sizes) -> CallProgress:
-    num_contacts, n, num_columns, real_type, is_switching, is_tied, knots = sizes
+    num_contacts, n, num_columns, real_type, mode, knots = sizes
 
     def zeros(dtype: DTypeLike, *shape: int) -> Array:
         return jax.device_put(np.zeros(shape, dtype))
@@ -252,7 +249,7 @@ def _nothing(sizes: _Sizes) -> CallProgress:
         gap=zeros(real_type, num_contacts),
         held=zeros(bool, num_contacts),
         contact=zeros(np.int8, num_contacts),
-        mode=idle_mode(zeros(real_type, num_contacts), is_tied=is_tied) if is_switching else None,
+        mode=None if mode is None else mode.idle(zeros(real_type, num_contacts)),
         knots=None if knots is None else knots.blank(real),
     )
     return CallProgress(
