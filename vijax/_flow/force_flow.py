@@ -20,6 +20,7 @@ from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State, with_memory
+from .._series.motion_bound import has_motion_bound
 from .._series.order_loop import LoopSeries
 from .._series.plan import Plan
 from .._series.series import Series, force_at
@@ -30,7 +31,7 @@ from .force_series import LONGEST_PHASE, ForceSeries, force_series, in_space
 from .interface import Flight
 from .orders import Orders, as_array, slope_of, value_of
 from .series import derivative, horner, sum_series
-from .series_length import derivative_limit, is_consistent, motion_limit, time_limit
+from .series_length import derivative_limit, is_bounded, is_consistent, motion_limit, time_limit
 from .switching_step import TERMS
 from .taylor import TaylorExpansion
 
@@ -38,8 +39,8 @@ from .taylor import TaylorExpansion
 _NEAR = 5
 # Longest step of a motion without any scale, in time scales of the machine.
 _LONGEST = 1e3
-# Quarterings of a step whose end contradicts the force.
-_MOST_CUTS = 40
+# Quarterings of a step whose end contradicts the force, halvings of one on which it has no bound.
+_MOST_CUTS, _MOST_HALVINGS = 40, 60
 # Bound on the steps of a flow map: only a diverged guess needs more, and nothing else should wait for it.
 _MOST_STEPS = 10_000
 # Orders and tolerances of 32-bit numbers.
@@ -119,6 +120,7 @@ class ForceFlow(ExpandingFlow):
         assert motion.sizes is not None  # the plan has them
         limit = call(limit_of, machine, motion.x, *motion.sizes, tolerance)
         limit = time_limit(self._plan(machine), machine, state, modes, limit, order, tolerance)
+        limit = _bounded(plan, machine, state, motion, limit)
         limit = _consistent(
             self._plan(machine), machine, state, hold, modes, motion, limit, tolerance, direction
         )
@@ -349,6 +351,24 @@ def _limit(
         fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit
     )
     return jnp.minimum(limit, _LONGEST * machine.timescale)
+
+
+def _bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, limit: Scalar) -> Scalar:
+    """Longest step, halved until the force along it is bounded on a disc of complex times."""
+    if not has_motion_bound(plan):
+        return limit
+
+    def is_good(limit: Scalar) -> Any:
+        return compute_once(is_bounded, plan, machine, state, motion, limit)
+
+    def halve(carry: tuple) -> tuple:
+        limit, _, turns = carry
+        return limit / 2, is_good(limit / 2), turns + 1
+
+    is_on = lambda carry: ~carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
+    # The first turn looks at the limit itself.
+    begin = 2 * limit, jnp.zeros(limit.shape, bool), jnp.full(limit.shape, -1)
+    return jax.lax.while_loop(is_on, halve, begin)[0]
 
 
 def _consistent(
