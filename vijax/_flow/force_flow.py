@@ -32,6 +32,7 @@ from .interface import Flight
 from .orders import Orders, as_array, slope_of, value_of
 from .series import derivative, horner, sum_series
 from .series_length import derivative_limit, is_bounded, is_consistent, motion_limit, time_limit
+from .shortening import shortened
 from .switching_step import TERMS
 from .taylor import TaylorExpansion
 
@@ -361,14 +362,7 @@ def _bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, li
     def is_good(limit: Scalar) -> Any:
         return compute_once(is_bounded, plan, machine, state, motion, limit)
 
-    def halve(carry: tuple) -> tuple:
-        limit, _, turns = carry
-        return limit / 2, is_good(limit / 2), turns + 1
-
-    is_on = lambda carry: ~carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
-    # The first turn looks at the limit itself.
-    begin = 2 * limit, jnp.zeros(limit.shape, bool), jnp.full(limit.shape, -1)
-    return jax.lax.while_loop(is_on, halve, begin)[0]
+    return shortened(limit, is_good, 1 / 2, _MOST_HALVINGS)
 
 
 def _consistent(
@@ -388,15 +382,7 @@ def _consistent(
         step = direction * limit
         return compute_once(is_consistent, plan, machine, state, hold, modes, motion, step, tolerance)
 
-    def cut(carry: tuple) -> tuple:
-        limit, _, cuts = carry
-        limit = limit / 4
-        return limit, is_good(limit), cuts + 1
-
-    is_on = lambda carry: ~carry[1] & (carry[2] < _MOST_CUTS)  # noqa: E731
-    # The first turn looks at the limit itself.
-    begin = 4 * limit, jnp.zeros(limit.shape, bool), jnp.full(limit.shape, -1)
-    return jax.lax.while_loop(is_on, cut, begin)[0]
+    return shortened(limit, is_good, 1 / 4, _MOST_CUTS)
 
 
 def _acceleration(plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Scalar, ...]) -> Array:

@@ -33,6 +33,7 @@ from .._series.time_bound import has_time_bound, time_bound
 from .branches import is_entering
 from .force_series import ForceSeries, in_space, largest
 from .orders import Orders, slope_of, value_of
+from .shortening import shortened
 
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
@@ -149,18 +150,10 @@ def time_limit(
     force, clock = machine.extra.force, machine.clock(state)
     most = 10 * tolerance * _DISC**order
 
-    def is_wild(limit: Scalar) -> Flag:
-        bound = time_bound(plan, force, clock, _DISC * limit, like=state.x, modes=modes)
-        return ~(bound <= most)
+    def is_bounded(limit: Scalar) -> Flag:
+        return time_bound(plan, force, clock, _DISC * limit, like=state.x, modes=modes) <= most
 
-    def halve(carry: tuple) -> tuple:
-        limit, _, turns = carry
-        return limit / 2, is_wild(limit / 2), turns + 1
-
-    is_on = lambda carry: carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
-    # The first turn looks at the limit itself.
-    begin = 2 * limit, jnp.ones(limit.shape, bool), jnp.full(limit.shape, -1)
-    return jax.lax.while_loop(is_on, halve, begin)[0]
+    return shortened(limit, is_bounded, 1 / 2, _MOST_HALVINGS)
 
 
 def is_bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, step: Scalar) -> Flag:

@@ -28,6 +28,7 @@ from .operations import (
 )
 from .plan import Plan
 from .powers import ClosingPower, CubeRoot, Power
+from .quotients import inverse_cosh
 from .series import AbstractSeries
 
 
@@ -76,7 +77,8 @@ def discs_of(
     by_out = {operation.out: operation for operation in plan.operations}
 
     def of(operand: Operand) -> Disc:
-        return discs[operand] if operand in discs else Disc(centre(operand), 0.0)
+        is_moving = not is_known(operand) and operand in discs
+        return discs[operand] if is_moving else Disc(centre(operand), 0.0)
 
     for operation in plan.operations:
         if operation.out in needed:
@@ -109,7 +111,9 @@ def _inner(operation: Operation, by_out: Mapping[int, Operation], of: Callable[[
         return math.prod(disc.least for disc in (discs if isinstance(operation, Product) else 2 * discs))
     if all(disc.inner is None for disc in discs):
         return None
-    sizes = [(abs(c) * disc.least, abs(c) * disc.most) for c, disc in zip(operation.factors, discs, strict=True)]
+    sizes = [
+        (abs(c) * disc.least, abs(c) * disc.most) for c, disc in zip(operation.factors, discs, strict=True)
+    ]
     sizes.append((abs(operation.constant), abs(operation.constant)))
     most = sum(high for _, high in sizes)
     least: Any = 0.0
@@ -127,7 +131,11 @@ def _inner_of_square(
     if len(moving) != 1 or not isinstance(by_out.get(operation.args[moving[0]]), Square):
         return None
     c, square = operation.factors[moving[0]], of(by_out[operation.args[moving[0]]].args[0])
-    still = [f * of(a).centre for k, (f, a) in enumerate(zip(operation.factors, operation.args, strict=True)) if k not in moving]
+    still = [
+        f * of(a).centre
+        for k, (f, a) in enumerate(zip(operation.factors, operation.args, strict=True))
+        if k not in moving
+    ]
     b = (operation.constant + sum(still)) / c
     distance = jnp.sqrt(jnp.maximum(b + square.centre**2, 0)) - square.radius
     return jnp.where(b > 0, abs(c) * jnp.maximum(distance, 0) ** 2, 0.0)
@@ -174,9 +182,11 @@ _BY_KIND: dict[type, Callable[..., Any]] = {
     Product: _of_product,
     Square: lambda operation, of, value, disc: (jnp.abs(disc.centre) + disc.most) * disc.radius,
     Quotient: _of_quotient,
-    SquareRoot: lambda operation, of, value, disc: _radius_of_power(*disc[:2], 0.5),
-    CubeRoot: lambda operation, of, value, disc: _radius_of_power(*disc[:2], 1 / 3),
-    ClosingPower: lambda operation, of, value, disc: _radius_of_power(*disc[:2], operation.exponent, True),
+    SquareRoot: lambda operation, of, value, disc: _radius_of_power(disc.centre, disc.radius, 0.5),
+    CubeRoot: lambda operation, of, value, disc: _radius_of_power(disc.centre, disc.radius, 1 / 3),
+    ClosingPower: lambda operation, of, value, disc: _radius_of_power(
+        disc.centre, disc.radius, operation.exponent, True
+    ),
     Power: _of_power,
     Chosen: _of_choice,
     Integral: _of_integral,
@@ -190,16 +200,15 @@ def _over(a: Any, b: Any) -> Any:
 
 
 def _radius_of_power(a: Any, r: Any, p: Any, is_clipped: bool = False) -> Any:
-    """By the mean value theorem; infinite where the disc reaches zero, but the largest size of a power that begins now."""
+    """By the mean value theorem; where the disc reaches zero infinite, but for a power that begins or ends there its size."""
     size = jnp.abs(a)
     edge = jnp.where(p > 1, size + r, size - r)
-    is_inside = (size > r) | ((size == 0) & (r == 0))
+    is_inside = (size > r) | (r == 0)
     slope = jnp.abs(p) * jnp.power(jnp.where(edge > 0, edge, 1), p - 1)
-    found = jnp.where(r == 0, 0, jnp.where(is_inside, slope * r, jnp.inf))
-    if not is_clipped:
-        return found
-    is_new = (a <= 0) & (r > 0) & (p > 0)
-    return jnp.where(is_new, jnp.power(jnp.where(is_new, r, 1), p), found)
+    beyond: Any = jnp.inf
+    if is_clipped:
+        beyond = jnp.where(p > 0, 2 * jnp.power(jnp.where(is_inside, 1, size + r), p), jnp.inf)
+    return jnp.where(is_inside, jnp.where(r == 0, 0, slope * r), beyond)
 
 
 def _exponential(a: Any, r: Any) -> Any:
@@ -219,6 +228,14 @@ def _tanh(a: Any, r: Any) -> Any:
     """|cosh z|^2 = sinh^2 Re z + cos^2 Im z."""
     near = jnp.where(r < math.pi / 2, jnp.cos(jnp.minimum(r, math.pi / 2)) ** 2, 0)
     return _over(r, jnp.sinh(jnp.maximum(jnp.abs(a) - r, 0)) ** 2 + near)
+
+
+def _inverse_cosh(a: Any, r: Any) -> Any:
+    """|(1 / cosh)'| = |sinh z| / |cosh z|^2, and |sinh z| is at most |cosh z| + exp(-|Re z|)."""
+    away = jnp.maximum(jnp.abs(a) - r, 0)
+    near = jnp.where(r < math.pi / 2, jnp.cos(jnp.minimum(r, math.pi / 2)) ** 2, 0)
+    least = jnp.sqrt(jnp.sinh(away) ** 2 + near)
+    return _over(r * (1 + _over(jnp.exp(-away), least)), least)
 
 
 def _tan(a: Any, r: Any) -> Any:
@@ -274,10 +291,10 @@ def _from_imaginary_units(a: Any) -> tuple[Any, Any]:
 
 
 def _angle(y: Disc, x: Disc) -> Any:
-    """Of atan2: x y' - y x' over the square of the distance."""
+    """Of atan2: x y' - y x' over x^2 + y^2 = (x + i y) (x - i y)."""
     (a, r), (b, q) = y[:2], x[:2]
-    square = a * a + b * b - (2 * jnp.abs(a) + r) * r - (2 * jnp.abs(b) + q) * q
-    return _over((jnp.abs(b) + q) * r + (jnp.abs(a) + r) * q, square)
+    least = jnp.maximum(jnp.hypot(a, b) - r - q, 0) ** 2
+    return _over((jnp.abs(b) + q) * r + (jnp.abs(a) + r) * q, least)
 
 
 def _radius_of_variable_power(a: Disc, b: Disc) -> Any:
@@ -301,6 +318,7 @@ RADII: dict[Callable, Callable[..., Any]] = {
     **dict.fromkeys((jnp.sinh, jnp.cosh), _of_one(_hyperbolic)),
     jnp.tanh: _of_one(_tanh),
     lax.logistic: _of_one(lambda a, r: _tanh(a / 2, r / 2) / 2),
+    inverse_cosh: _of_one(_inverse_cosh),
     jnp.tan: _of_one(_tan),
     **dict.fromkeys((lax.erf, lax.erfc), _of_one(_erf)),
     lax.erf_inv: _of_one(_erf_inverse),

@@ -17,8 +17,9 @@ from jaxtyping import Array, Float
 from .._jax.arrays import Scalar
 from .discs import Disc, discs_of
 from .operations import Chosen, Linear, Operand, Product, Square, chosen, is_known
+from .order_loop import LoopSeries
 from .plan import Plan
-from .series import AbstractSeries
+from .series import Series
 
 # Degree of polynomials in positions and velocities that need no bound: far below the order of the series.
 _LOW = 8
@@ -32,7 +33,7 @@ def has_motion_bound(plan: Plan) -> bool:
 
 def motion_bound(
     plan: Plan,
-    series: AbstractSeries,
+    series: Series | LoopSeries,
     radius: Scalar,
     x: Float[Array, "n ..."],
     v: Float[Array, "n ..."],
@@ -68,7 +69,7 @@ def motion_bound(
 
 
 def _radius_without_tame(
-    plan: Plan, series: AbstractSeries, discs: dict[Operand, Disc], wild: frozenset[int]
+    plan: Plan, series: Series | LoopSeries, discs: dict[Operand, Disc], wild: frozenset[int]
 ) -> Callable[[Operand], Any]:
     """Function of a series: its radius without that of terms that are not wild."""
     by_out = {operation.out: operation for operation in plan.operations}
@@ -89,7 +90,7 @@ def _radius_without_tame(
     return of
 
 
-def _scale_of_guard(plan: Plan, series: AbstractSeries, switch: int, step: Scalar) -> Scalar:
+def _scale_of_guard(plan: Plan, series: Series | LoopSeries, switch: int, step: Scalar) -> Scalar:
     """Distance of a guard from the farthest of its knots, or what its terms are in a step."""
     now, found = series.guard(switch, 0), jnp.zeros_like(step)
     for k in reversed(range(1, len(series))):
