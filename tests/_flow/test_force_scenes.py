@@ -1,5 +1,7 @@
 """Forces held against other codes: tables in position, friction by tanh, units, a linear machine written as a force."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +20,11 @@ def table(t, x, v, args):
     return -jnp.interp(x, POINTS, VALUES)
 
 
+def _rates(t, y, known, slope):
+    spring = 0.3 * y[0] + VALUES[known] + slope * (y[0] - POINTS[known])
+    return [y[1], 0.8 * np.cos(1.1 * t) - 0.1 * y[1] - spring]
+
+
 def between_knots(start, span):
     """End of the motion under the table by steps that end at its knots."""
     t, y = 0.0, np.array(start)
@@ -30,12 +37,7 @@ def between_knots(start, span):
         at = np.flatnonzero(np.abs(POINTS - x) < 1e-9)
         is_right = v > 0 if v else 0.8 * np.cos(1.1 * t) - 0.3 * x - np.interp(x, POINTS, VALUES) > 0
         piece = at[0] + is_right if len(at) else np.searchsorted(POINTS, x)
-        known = max(piece - 1, 0)
-
-        def rates(t, y, known=known, slope=slopes[piece]):
-            spring = 0.3 * y[0] + VALUES[known] + slope * (y[0] - POINTS[known])
-            return [y[1], 0.8 * np.cos(1.1 * t) - 0.1 * y[1] - spring]
-
+        rates = partial(_rates, known=max(piece - 1, 0), slope=slopes[piece])
         for k, event in enumerate(events):  # from a knot back to it alone
             event.direction = 0 if k not in at else -1 if is_right else 1
         run = scipy.integrate.solve_ivp(
