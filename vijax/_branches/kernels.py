@@ -14,7 +14,7 @@ from .._machine.numbers import numbers_of
 from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
-from .._orbits.sequence import NOTHING, Sequence, is_same_sequence, kinds_of, sequence_of
+from .._orbits.sequence import NOTHING, Instants, Sequence, is_same_sequence, kinds_of, sequence_of
 from .._system.waves import phase_at
 from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log
@@ -241,7 +241,7 @@ def _run(
     strobe = StroboscopicMap(numbers, family.flow, length, family.phase, room_of_log)
     choices = Choices(can_stick=True, room=room_of_log)
     log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), choices)
-    whole, flights = sequence_of(log, strobe.t0, strobe.period, kinds_of(numbers))
+    whole, flights = sequence_of(Instants.of(log), strobe.t0, strobe.period, kinds_of(numbers))
     other = Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1])
     return other, flights[:room], (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
 

@@ -112,16 +112,35 @@ def empty_sequence(num_events: int, num_stops: int, *, is_switching: bool) -> Se
     return Sequence(whole + NOTHING, whole, mode)
 
 
+class Instants(NamedTuple):
+    """Instants of a trajectory with events, the start first.
+
+    Attributes:
+        transitions: what happens at each, (rows, ...).
+        held: flags of the stops that hold after it, (rows, stops).
+        count: number of rows; others are padding.
+    """
+
+    transitions: Instant
+    held: Bool[Array, "rows stops"]
+    count: Int[Array, ""]
+
+    @classmethod
+    def of(cls, log: Log) -> "Instants":
+        """The instants of a log."""
+        return cls(log.instants, log.restarts.held, log.rows)
+
+
 def sequence_of(
-    log: Log, t0: Scalar, period: Scalar, kinds_of_elements: np.ndarray
+    happened: Instants, t0: Scalar, period: Scalar, kinds_of_elements: np.ndarray
 ) -> tuple[Sequence, Float[Array, " events"]]:
-    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods.
+    """The sequence of a trajectory, and the durations of its flights in forcing periods.
 
     For `kinds_of_elements` see `kinds_of`.
     """
-    instants, held = log.instants, log.restarts.held
+    instants, held, count = happened
     size, num_stops = instants.hit.shape
-    is_row = (jnp.arange(size) < log.rows)[:, None]
+    is_row = (jnp.arange(size) < count)[:, None]
     if instants.switched is not None:
         is_event, kinds = _switching_events(instants, is_row)
     else:
@@ -139,7 +158,7 @@ def sequence_of(
     stop = gathered(jnp.arange(num_stops)[None], 0)
     row = gathered(jnp.arange(size)[:, None], 0)
     is_real = kind != NOTHING
-    row = jnp.where(is_real, row, log.rows - 1)
+    row = jnp.where(is_real, row, count - 1)
     # The outcome of several events at one instant applies after the last.
     is_followed = jnp.append(row[1:] == row[:-1], False) & jnp.append(is_real[1:], False)
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period
