@@ -86,8 +86,13 @@ def corrected_cycle(
     family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
 ) -> CorrectedCycle:
     """The cycle of a sequence with `weights . place = target`."""
-    found = correct(family, sequence, guess, weights, target)
-    return _seen(family, sequence, found, _place_of(found, guess))
+    found, course = correct(family, sequence, guess, weights, target)
+    place, tangent = _place_of(found, guess), found.tangent
+    rates = course.rates(jnp.append(tangent.z, tangent.p), tangent.flights, family.scale)
+    moments = (course.begins, found.speeds), rates
+    equations = CycleEquations.of(family, sequence, place)
+    watched = margins_of_cycle(equations.problem, family.unknowns(place), course.begins)
+    return _with_rates(family, equations, found, place, moments, watched)
 
 
 def corrected_cycles(
@@ -134,12 +139,7 @@ def as_corrected_cycle(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
 ) -> CorrectedCycle:
     """A given cycle as a corrected one, at a point where Newton's method along the branch is singular."""
-    return _seen(family, sequence, evaluate_at(family, sequence, place, tangent), place)
-
-
-def _seen(
-    family: ParameterFamily, sequence: Sequence, found: Corrected, place: ExtendedCycle
-) -> CorrectedCycle:
+    found = evaluate_at(family, sequence, place, tangent)
     equations = CycleEquations.of(family, sequence, place)
     moments = _moments(family, equations, found, place)
     watched = margins_of_cycle(equations.problem, family.unknowns(place), moments[0][0])
