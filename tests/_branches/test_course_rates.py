@@ -31,6 +31,7 @@ def test_rates_are_the_derivatives_of_a_traversal(machine):
     starts = starting_orbits([vx.periodic_orbit(system, settled.x1, settled.v1)])
     (family,) = families_of(starts, FREQUENCY, 0.6, 1.0)
     (point,) = points_of(starts, [family])
+    assert point is not None
     assert len(point.sequence.kind) > 1
     sequence, place, tangent = padded(
         point.sequence, (point.place, point.tangent), room_for(len(point.sequence.kind))
