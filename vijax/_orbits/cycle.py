@@ -199,6 +199,45 @@ def slider_pin(problem: Problem, scale: Float[Array, " state"]) -> Float[Array, 
     return jnp.concatenate([zeros, stretches], axis=1).T @ (is_stuck[:, None] * places)
 
 
+class LinearCourse(NamedTuple):
+    """Moments at which the flights of a cycle begin, and what tells their rates along any direction.
+
+    States and derivatives are those of `Flights`.
+
+    Attributes:
+        begins: the moments, (events + 1, ...) each.
+        begin: see `Flights`.
+        forward: likewise.
+        speed: derivative of the approach speed at each event, (events, next + 1).
+        grip: likewise of `Moment.grip` behind it, (events, stops, next + 1); None without friction of contacts.
+    """
+
+    begins: Moment
+    begin: Float[Array, "next free"]
+    forward: Float[Array, "events next given"]
+    speed: Float[Array, "events given"]
+    grip: Any = None
+
+    def rates(
+        self, start: Float[Array, " free"], flights: Float[Array, " events"], scale: Float[Array, " state"]
+    ) -> tuple[Moment, Float[Array, " events"]]:
+        """Rates of the moments, and of the approach speeds, by those of the scaled start and parameter and the durations."""
+
+        def one(state: Array, flight: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+            forward, duration = flight
+            given = jnp.append(state, duration)
+            return forward @ given, (state, given)
+
+        last, (states, given) = jax.lax.scan(one, self.begin @ start, (self.forward, flights))
+        states, size = jnp.concatenate([states, last[None]]), len(scale)
+        grip = self.begins.grip
+        if grip is not None:
+            grip = jnp.zeros_like(grip).at[1:].set(jnp.einsum("esg,eg->es", self.grip, given))
+        gap = jnp.zeros_like(self.begins.gap)  # each flight has the derivatives of its own positions
+        moments = Moment(states[:, :size] * scale[None], states[:, size], gap, grip)
+        return moments, jnp.sum(self.speed * given, axis=1)
+
+
 def linearise(
     problem: Problem,
     unknowns: Unknowns,
@@ -215,6 +254,29 @@ def linearise(
         count: number of flights that end with an event, see `over_flights`.
         change: derivatives of the machine and its flow by a parameter, which is then one of the unknowns.
     """
+    return _linearise(problem, unknowns, scale, count, change, has_course=False)[:2]
+
+
+def linearise_course(
+    problem: Problem,
+    unknowns: Unknowns,
+    scale: Float[Array, " state"],
+    count: Int[Array, ""] | None = None,
+    change: tuple | None = None,
+) -> tuple[Residual, Flights, LinearCourse]:
+    """`linearise`, and the course of the cycle, in one traversal."""
+    return _linearise(problem, unknowns, scale, count, change, has_course=True)
+
+
+def _linearise(
+    problem: Problem,
+    unknowns: Unknowns,
+    scale: Float[Array, " state"],
+    count: Int[Array, ""] | None,
+    change: tuple | None,
+    *,
+    has_course: bool,
+) -> tuple[Residual, Flights, Any]:
     size, p = len(scale), jnp.zeros(0 if change is None else 1, scale.dtype)
 
     def at(p: Array) -> tuple[Machine, AbstractFlow]:
@@ -225,12 +287,14 @@ def linearise(
         def moved(y: Array):
             here, p = place._replace(z=y[:size] * scale, time=y[size]), y[size + 1 : -1]
             there, (value, speed), _ = fly_to_event(*at(p), here, flight.event, y[-1])
-            return (jnp.concatenate([there.z / scale, there.time[None], p]), value), (there, value, speed)
+            passed = (speed, there.grip) if has_course else None
+            end = jnp.concatenate([there.z / scale, there.time[None], p])
+            return (end, value, passed), (there, value, speed)
 
         duration = _duration(problem, place, flight)
         y = jnp.concatenate([place.z / scale, place.time[None], p, duration[None]])
-        (forward, normal), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
-        return there, (forward, normal, value, speed)
+        (forward, normal, passed), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
+        return there, (forward, normal, value, speed, (place, passed) if has_course else None)
 
     def begun(y: Array):
         place = initial_moment(problem, at(y[size:])[0], y[:size] * scale)
@@ -239,7 +303,7 @@ def linearise(
     begin, place = jax.jacfwd(begun, has_aux=True)(jnp.concatenate([unknowns.z / scale, p]))
     flights = _flights_of(problem, unknowns, count)
     num = None if count is None else count + 1
-    place, (forward, normal, values, speeds) = over_flights(one, place, flights, num)
+    place, (forward, normal, values, speeds, course) = over_flights(one, place, flights, num)
     # The flight that closes the cycle lasts as long as the others leave.
     last = forward[-1 if count is None else count]
     shortened = 0 if problem.is_autonomous else last[:size, -1]
@@ -255,7 +319,10 @@ def linearise(
     pin = closing_pin(problem.shifts)
     if problem.machine.contacts.num_sliders:
         pin = pin + slider_pin(problem, scale)
-    return found, Flights(begin, forward, normal, close, pin, drift)
+    if has_course:
+        begins, passed = course
+        course = LinearCourse(begins, begin, forward, *jax.tree.map(lambda a: a[:-1], passed))
+    return found, Flights(begin, forward, normal, close, pin, drift), course
 
 
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .._jax.xla import jit_lightly
-from .find import search_alone
+from .find import search_to_end
 from .search import Search, StroboscopicMap, begin_search
 from .search_workers import SearchWorkers
 from .sequence import kinds_of, num_stops_of
@@ -92,7 +92,6 @@ def _one_by_one(
     strobe: StroboscopicMap, axes: Sequence[int | None], guesses: np.ndarray, tell: Callable[[int], Any]
 ) -> Search:
     """The finished searches of all lanes, each alone."""
-    strobe = dataclasses.replace(strobe, flow=strobe.flow.compact())
     leaves, structure = jax.tree.flatten(strobe)
     found = []
     for lane, guess in enumerate(guesses):
@@ -100,7 +99,7 @@ def _one_by_one(
             np.asarray(a) if axis is None else np.asarray(a)[lane]
             for a, axis in zip(leaves, axes, strict=True)
         ]
-        found.append(jax.tree.map(np.asarray, search_alone(jax.tree.unflatten(structure, own), guess)))
+        found.append(jax.tree.map(np.asarray, search_to_end(jax.tree.unflatten(structure, own), guess)))
         tell(1)
     return jax.tree.map(lambda *a: np.stack(a), *found)
 

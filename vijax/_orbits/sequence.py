@@ -111,13 +111,32 @@ def empty_sequence(num_events: int, kinds: tuple[int, ...]) -> Sequence:
     return Sequence(whole + NOTHING, whole, np.zeros((num_events + 1, len(kinds)), type_))
 
 
+class Instants(NamedTuple):
+    """Instants of a trajectory with events, the start first.
+
+    Attributes:
+        transitions: what happens at each, (rows, ...).
+        held: flags of the stops that hold after it, (rows, stops).
+        count: number of rows; others are padding.
+    """
+
+    transitions: Instant
+    held: Bool[Array, "rows stops"]
+    count: Int[Array, ""]
+
+    @classmethod
+    def of(cls, log: Log) -> "Instants":
+        """The instants of a log."""
+        return cls(log.instants, log.restarts.held, log.rows)
+
+
 def sequence_of(
-    log: Log, t0: Scalar, period: Scalar, kinds: tuple[int, ...]
+    happened: Instants, t0: Scalar, period: Scalar, kinds: tuple[int, ...]
 ) -> tuple[Sequence, Float[Array, " events"]]:
-    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods; `kinds` of elements."""
-    instants, (ended, before, after) = log.instants, _modes_at(log)
+    """The sequence of a trajectory, and the durations of its flights in forcing periods; `kinds` of elements."""
+    instants, (ended, before, after) = happened.transitions, _modes_at(happened)
     size, num_stops = instants.hit.shape
-    is_row = (jnp.arange(size) < log.rows)[:, None]
+    is_row = (jnp.arange(size) < happened.count)[:, None]
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)
     is_event, room = is_event.ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
@@ -129,7 +148,7 @@ def sequence_of(
     stop = gathered(jnp.arange(num_stops)[None], 0)
     row = gathered(jnp.arange(size)[:, None], 0)
     is_real = kind != NOTHING
-    row = jnp.where(is_real, row, log.rows - 1)
+    row = jnp.where(is_real, row, happened.count - 1)
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period
     flights = jnp.where(is_real, jnp.diff(times, prepend=0), 0)
     # The mode at the end of each flight: between events others may take over the load of an element.
@@ -144,9 +163,9 @@ def sequence_of(
     return Sequence(kind, stop, mode), flights
 
 
-def _modes_at(log: Log) -> tuple[Reals, Reals, Reals]:
+def _modes_at(happened: Instants) -> tuple[Reals, Reals, Reals]:
     """Which guard of each element is zero at each instant, and the modes before and after it, (rows, elements) each."""
-    instants, switched, held = log.instants, log.instants.switched, log.restarts.held
+    instants, switched, held = happened.transitions, happened.transitions.switched, happened.held
     if switched is not None:
         return switched.ended.astype(int), switched.before, switched.after
     # The release of a mass thrown off by an impact at the same instant is no event of its own.

@@ -23,6 +23,7 @@ from .._machine.numbers import MachineNumbers
 from .._machine.state import ModeLayout, State, with_memory
 from .._machine.tables import KnotsLayout
 from .grazing import Grazing
+from .instant_codes import codes_of
 from .loop import (
     Carry,
     Choices,
@@ -74,11 +75,13 @@ class Found(NamedTuple):
     Attributes:
         solution: the trajectory, with the events of this call and the first saved state: most requests have no more.
         saved: saved positions and velocities, (2, goals, n), padded.
+        codes: events of the instants of `solution.restarts`, see `instant_codes.py`, (rows, contacts).
         left: progress, packed; its first whole number, in the order of `CallProgress`, tells whether another call is needed.
     """
 
     solution: Solution
     saved: Array
+    codes: Array
     left: Packed
 
     @property
@@ -90,6 +93,9 @@ class Found(NamedTuple):
 class KnownMachine:
     """A machine of concrete numbers as calls take it, packed once: it is immutable.
 
+    Attributes:
+        packed: its numbers and its flow, packed.
+
     Args:
         numbers: its numbers.
         flow: its flow.
@@ -98,12 +104,12 @@ class KnownMachine:
 
     def __init__(self, numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool):
         machine, self._nothing = jax.device_put(pack((numbers, flow))), _packed_nothing(numbers, flow)
+        self.packed: Packed = machine
         n, dtype = numbers.rows.shape[1], np.dtype(numbers.mass.dtype)
         self._num_reals, self._dtype = 2 + 2 * n + GOALS, dtype
         blank = Packed(np.empty(self._num_reals, dtype), np.empty(6, int), _layout_of_request(n, dtype))
         choices = Choices(can_stick, EVENTS, is_whole=False)
         self._call = call.prepared(machine, self._nothing, blank, choices)
-        self._machine = machine.reals, machine.wholes
 
     def follow(self, request: LoopArguments, left: Packed | None) -> Found:
         """Follow a trajectory by a request of NumPy numbers, from its start or from the progress of the call before."""
@@ -118,7 +124,7 @@ class KnownMachine:
         )
         reals[2 + 2 * n :] = request.goals
         wholes = np.array([int(a) for a in request[5:]])
-        return self._call([*self._machine, left.reals, left.wholes, reals, wholes])
+        return self._call([self.packed.reals, self.packed.wholes, left.reals, left.wholes, reals, wholes])
 
 
 def _packed_nothing(numbers: MachineNumbers, flow: AbstractFlow) -> Packed:
@@ -166,7 +172,8 @@ def call(machine: Packed, left: Packed, request: Packed, choices: Choices) -> Fo
     solution, reached = finish(task, last, asked, choices), _progress(task, last, asked)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
-    return Found(first, jnp.stack([solution.xs, solution.vs]), pack(reached))
+    codes = codes_of(last.log.kept_instants())
+    return Found(first, jnp.stack([solution.xs, solution.vs]), codes, pack(reached))
 
 
 def _begin(

@@ -61,7 +61,9 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
     scheme, poses, _ = poses_of_solution(sol, times)
     canvas = Canvas(Figure(figsize=(8, 2)).subplots(), scheme.positive)
     drawing = draw(canvas.ax, scheme, poses[0], None, {}, positive=canvas.positive, fits_axes=False)
-    split = [[line for line in canvas.ax.lines if (line.get_zorder() > _BOXES) is over] for over in (False, True)]
+    split = [
+        [line for line in canvas.ax.lines if (line.get_zorder() > _BOXES) is over] for over in (False, True)
+    ]
     parts = [patch for patch in canvas.ax.patches if isinstance(patch, Rectangle)]
     parts = sorted(parts, key=lambda part: part.get_zorder())
     names = canvas.ax.texts[: scheme.num_masses]  # the numbers in the boxes come first
