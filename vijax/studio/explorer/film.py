@@ -101,9 +101,9 @@ def _strokes(canvas: Canvas, line: Line2D) -> list[np.ndarray]:
     """The line in the picture, and the heads of arrows among its points, (points, 2) each."""
     points = canvas.turned.transform(line.get_xydata())
     strokes = [] if line.get_linestyle() == "None" else [points]
-    head, ends = _HEADS.get(line.get_marker()), line.get_markevery()
-    if head is not None:
-        strokes += [end + head for end in (points if ends is None else points[ends])]
+    if (head := _HEADS.get(str(line.get_marker()))) is not None:
+        marked: Any = line.get_markevery()  # the points with a marker, None for all
+        strokes += [end + head for end in (points if marked is None else points[marked])]
     return strokes
 
 
