@@ -98,9 +98,11 @@ def _with_slips(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint 
     left, excess = yield from ask(KernelCall(torn_margins, event.sequence, (event.place,)))
     is_behind = test.kind == Kind.TEAR
     sequence, place, new = event.sequence, event.place, []
-    torn = np.argwhere(np.abs(excess if is_behind else left)[: len(sequence.kind)] < VANISHES_TOGETHER)
+    torn = np.argwhere(
+        np.abs(excess if is_behind else left)[: len(sequence.kind)] < VANISHES_TOGETHER
+    ).tolist()
     for k, element in torn:
-        sequence, place = with_slip(sequence, place, k + len(new), int(element), is_behind=is_behind)
+        sequence, place = with_slip(sequence, place, k + len(new), element, is_behind=is_behind)
         new.append(k + len(new) + 1)
     if not new:
         return End(Kind.DOUBLE_IMPACT)
