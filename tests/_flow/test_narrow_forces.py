@@ -101,7 +101,13 @@ def test_a_choice_by_a_narrow_function_is_met():
 
 
 @pytest.mark.parametrize(
-    "law", [lambda x: jnp.sqrt(x * x), lambda x: jnp.hypot(x, 0.0), lambda x: (x * x) ** 0.5]
+    "law",
+    [
+        lambda x: jnp.sqrt(x * x),
+        lambda x: jnp.sqrt(4 * x * x) / 2,
+        lambda x: jnp.hypot(x, 0.0),
+        lambda x: (x * x) ** 0.5,
+    ],
 )
 def test_roots_of_squares_have_corners(law):
     machine = vx.ImpactSystem(

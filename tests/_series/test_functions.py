@@ -74,7 +74,6 @@ FUNCTIONS = {
         lambda t: 2 / (3 + 5 * mpmath.exp(t)),
         (0, 0.3, 40),
     ),
-    "root of a square": (lambda t: jnp.sqrt(2 * t * t), lambda t: mpmath.sqrt(2 * t * t), (0.1, 0.3, -40)),
     "silu": (jax.nn.silu, lambda t: t / (1 + mpmath.exp(-t)), (0, 0.3, -30)),
 }
 # mpmath takes long to find the reference of these.

@@ -14,7 +14,7 @@ import pytest
 import vijax as vx
 from vijax._flow.choose import choose_flow
 from vijax._machine.numbers import numbers_of
-from vijax._orbits.find import search_alone, solution_of_search
+from vijax._orbits.find import _search_in_one, solution_of_search
 from vijax._orbits.search import StroboscopicMap
 
 pytestmark = pytest.mark.thorough
@@ -80,7 +80,7 @@ def lines_of_search(system: vx.ImpactSystem) -> int:
     """Lines of the program of a search for a periodic orbit."""
     flow = choose_flow(system, can_stick=True)
     strobe = StroboscopicMap(numbers_of(system), flow.compact(), np.asarray(1.0), np.asarray(0.0), 32)
-    find = lambda strobe, guess: solution_of_search(strobe, search_alone(strobe, guess))  # noqa: E731
+    find = lambda strobe, guess: solution_of_search(strobe, _search_in_one(strobe, guess))  # noqa: E731
     return lines(find, strobe, jnp.zeros(2 * system.num_masses))
 
 

@@ -15,7 +15,7 @@ from jax import lax
 from .builder import Builder
 from .choices import above, equal
 from .graph_of_force import TABLE
-from .operations import Linear, Operand, Square, is_known
+from .operations import Linear, Operand, Product, Square, is_known
 from .quotients import divide, logistic
 from .refused import Refused
 from .tables import table
@@ -79,6 +79,11 @@ def _of_square(build: Builder, a: Operand) -> tuple[float, Operand] | None:
         found = _of_square(build, operation.args[0])
         c = operation.factors[0]
         return None if found is None or c < 0 else (c * found[0], found[1])
+    if isinstance(operation, Product):  # of c b and b
+        for one, b in zip(operation.args, reversed(operation.args), strict=True):
+            factor = None if is_known(one) else build.by_out.get(one)
+            if isinstance(factor, Linear) and factor.args == (b,) and not factor.constant:
+                return None if factor.factors[0] < 0 else (factor.factors[0], b)
     return (1.0, operation.args[0]) if isinstance(operation, Square) else None
 
 
