@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 import vijax as vx
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow  # two minutes of compilation
 
 FREQUENCY = "forcing.frequency"
 PHASES = 2 * np.pi * np.arange(8) / 8
