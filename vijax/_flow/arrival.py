@@ -16,7 +16,7 @@ from .series import derivative, horner
 from .switching_step import TERMS, near_of
 
 
-class Arrival(NamedTuple):
+class ArrivalRules(NamedTuple):
     """Rules of the arrival at events.
 
     Attributes:
@@ -32,11 +32,11 @@ class Arrival(NamedTuple):
     is_estimated: bool
 
 
-_PROVED = Arrival(5, lambda limit, dtype: limit.near[dtype], 1e-3, is_estimated=False)
-_ESTIMATED = Arrival(TERMS, near_of, 1e-4, is_estimated=True)
+_PROVED = ArrivalRules(5, lambda limit, dtype: limit.near[dtype], 1e-3, is_estimated=False)
+_ESTIMATED = ArrivalRules(TERMS, near_of, 1e-4, is_estimated=True)
 
 
-def arrival_of(machine: Machine) -> Arrival:
+def arrival_of(machine: Machine) -> ArrivalRules:
     """Rules for a machine: those that switch several times a period go right to an estimate, see `switching_step.py`."""
     return _ESTIMATED if machine.contacts.is_switching else _PROVED
 

@@ -165,7 +165,8 @@ def flight_along(
     limit, rests = jnp.minimum(ahead, motion.limit), None
     if machine.contacts.is_coupled:
         rests = compute_once(guard_rests, near, state, motion, hold, limit)
-    find = switching_step if arrival_of(machine).is_estimated else _safe_step
+    is_estimated = arrival_of(machine).is_estimated
+    find = switching_step if is_estimated else _safe_step
     step, is_root = compute_once(find, near, state, motion, hold, limit, rests)
     is_last = step >= remaining
     step = jnp.where(is_last, remaining, step)
@@ -173,7 +174,7 @@ def flight_along(
     series = compute_once(near_future, machine, moved, hold)
     idle = None if rests is None else is_idle(moved, machine) | rests.vanishes
     ahead = ahead if until is None else jnp.minimum(ahead, until)
-    order = leading_zeros(state, machine) if arrival_of(machine).is_estimated else None
+    order = leading_zeros(state, machine) if is_estimated else None
     delays = compute_once(delays_to_events, near, moved, series, hold, is_root, ahead - step, idle, order)
     delay = smallest(delays)
     is_event = (delays <= delay + simultaneity_tolerance(machine)) & (delays < jnp.inf)

@@ -33,13 +33,13 @@ from .interface import Flight
 from .orders import Orders, as_array, slope_of, value_of
 from .series import derivative, horner, sum_series
 from .series_length import derivative_limit, is_bounded, is_consistent, motion_limit, time_limit
-from .shortening import shortened
+from .shortening import MOST_HALVINGS, shortened
 from .taylor import TaylorExpansion
 
 # Longest step of a motion without any scale, in time scales of the machine.
 _LONGEST = 1e3
-# Quarterings of a step whose end contradicts the force, halvings of one on which it has no bound.
-_MOST_CUTS, _MOST_HALVINGS = 40, 60
+# Quarterings of a step whose end contradicts the force.
+_MOST_CUTS = 40
 # Bound on the steps of a flow map: only a diverged guess needs more, and nothing else should wait for it.
 _MOST_STEPS = 10_000
 # Orders and tolerances of 32-bit numbers.
@@ -360,7 +360,7 @@ def _bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, li
     def is_good(limit: Scalar) -> Any:
         return compute_once(is_bounded, plan, machine, state, motion, limit)
 
-    return shortened(limit, is_good, 1 / 2, _MOST_HALVINGS)
+    return shortened(limit, is_good, 1 / 2, MOST_HALVINGS)
 
 
 def _consistent(

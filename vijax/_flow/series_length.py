@@ -33,16 +33,15 @@ from .._series.time_bound import has_time_bound, time_bound
 from .branches import is_entering
 from .force_series import ForceSeries, in_space, largest
 from .orders import Orders, slope_of, value_of
-from .shortening import shortened
+from .shortening import MOST_HALVINGS, shortened
 
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
 # Impulse of the contradiction at the end of a step, in tolerances: its mean over the step is far smaller, but not that of a power
 # that begins. What such a power adds to the derivatives of the motion begins with a lower power of time, so it must be far smaller.
 _SLACK, _OF_CLOSING = 1e3, 1e-7
-# Radius of the disc on which functions of time are bounded, in lengths of the step, and halvings of a step.
+# Radius of the disc on which functions of time are bounded, in lengths of the step.
 _DISC = 6.0
-_MOST_HALVINGS = 60
 # Radius of the disc on which the force along the motion is bounded, in lengths of the step, and its largest impulse there, relative to
 # the motion in the step: terms beyond order P are below _LARGEST / _DISC_OF_MOTION^P.
 _DISC_OF_MOTION, _LARGEST = 3.0, 1e3
@@ -153,7 +152,7 @@ def time_limit(
     def is_bounded(limit: Scalar) -> Flag:
         return time_bound(plan, force, clock, _DISC * limit, like=state.x, modes=modes) <= most
 
-    return shortened(limit, is_bounded, 1 / 2, _MOST_HALVINGS)
+    return shortened(limit, is_bounded, 1 / 2, MOST_HALVINGS)
 
 
 def is_bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, step: Scalar) -> Flag:
@@ -167,7 +166,7 @@ def is_bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, 
 
 
 def _reach(machine: Machine, motion: ForceSeries, radius: Scalar) -> tuple[Array, Array]:
-    """How far positions and velocities in space are from their values now, within a radius of complex times."""
+    """Largest distances of positions and velocities in space from their values now, within a radius of complex times."""
     x, v, phase, order = motion.x, motion.v, motion.phase, len(motion.x) - 1
     if machine.frame is not None:
         space = [in_space(machine, phase[k], x[k], v[k]) for k in range(order + 1)]

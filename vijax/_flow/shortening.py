@@ -7,6 +7,9 @@ import jax.numpy as jnp
 
 from .._jax.arrays import Flag, Scalar
 
+# Halvings of a step on which something has no bound.
+MOST_HALVINGS = 60
+
 
 def shortened(limit: Scalar, is_good: Callable[[Scalar], Flag], share: float, most: int) -> Scalar:
     """Longest step that is good, of `limit` times powers of a share of 1; after `most` of them whatever it is."""

@@ -22,7 +22,7 @@ from .sequence import Instants, kinds_of
 
 
 class _Seen(NamedTuple):
-    """What a step of a search reads of a call: its start, codes and times of its instants, what holds, its end."""
+    """Part of a call that a step of a search reads: its start, codes and times of its instants, what holds, its end."""
 
     start: Reals
     codes: Array

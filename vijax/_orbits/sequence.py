@@ -164,7 +164,7 @@ def sequence_of(
 
 
 def _modes_at(happened: Instants) -> tuple[Reals, Reals, Reals]:
-    """Which guard of each element is zero at each instant, and the modes before and after it, (rows, elements) each."""
+    """Numbers of the guards that are zero at each instant, 0 for none, and the modes before and after it, (rows, elements) each."""
     instants, switched, held = happened.transitions, happened.transitions.switched, happened.held
     if switched is not None:
         return switched.ended.astype(int), switched.before, switched.after
