@@ -22,7 +22,15 @@ def values() -> list[Value]:
     exact = GRAVITY * hit - GRAVITY * (END - hit)
     found = float(column().v1[0])
     return [
-        Value("BeadColumnED", "v1(0.12)", PRINTED, 1e-16, found, exact, "printed by time steps, to their rounding")
+        Value(
+            "BeadColumnED",
+            "v1(0.12)",
+            PRINTED,
+            1e-16,
+            found,
+            exact,
+            "printed by time steps, to their rounding",
+        )
     ]
 
 
