@@ -7,6 +7,8 @@ import vijax as vx
 from vijax._branches import followed_steps
 from vijax._branches.batches import Stock
 
+pytestmark = pytest.mark.slow
+
 
 def _branch():
     """A mass with a preloaded soft stop and friction, whose orbit begins to touch it."""
