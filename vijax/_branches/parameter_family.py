@@ -99,6 +99,11 @@ class ParameterFamily(eqx.Module):
         return any(element.is_tied for element in machine_of(self.system).friction)
 
     @property
+    def is_switching(self) -> bool:
+        """True if forces of elements switch: with friction, Jenkins elements or compliant contacts."""
+        return numbers_of(machine_of(self.system)).laws is not None
+
+    @property
     def last_phase(self) -> float:
         """Forcing periods at which a cycle ends, where events pass to its start; none do where no load sets the period."""
         return np.inf if self.is_autonomous else float(self.num_periods)
