@@ -40,7 +40,8 @@ def push_for(frequency: float, amplitude: float) -> float:
 
 
 def grazing_at(position: float) -> float:
-    return scipy.optimize.brentq(lambda w: push_for(w, position) - PUSH, LOW, HIGH, xtol=1e-14)
+    excess = lambda w: push_for(w, position) - PUSH  # noqa: E731
+    return float(scipy.optimize.root_scalar(excess, bracket=(LOW, HIGH), xtol=1e-14).root)
 
 
 @pytest.fixture(scope="module")
