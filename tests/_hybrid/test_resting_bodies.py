@@ -79,6 +79,19 @@ def test_friction_turns_with_what_an_impact_turns_through_a_held_contact():
     np.testing.assert_allclose(sol.v1, [v, v], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("force", "grip"), [(0.1, None), (1e-12, None), (0.3, 0.1)])
+def test_bodies_that_forces_part_at_the_start_are_hit_while_they_touch(force, grip):
+    """Moreau's law counts the contact, which is closed at that instant: both leave with half of the rebound."""
+    stops = [vx.Contact({0: 1.0, 1: -1.0}, -1.0, 0.5), vx.Contact({1: 1.0, 2: -1.0}, -1.0, 0.5)]
+    friction = [] if grip is None else [vx.Friction(2, grip)]
+    system, t1 = _free([1.0] * 3, [0.0, 0.0, force], stops, friction), 1e-3
+    sol = vx.simulate(system, 0.0, t1, [0.0, 1.0, 2.0], [1.0, 0.0, 0.0])
+    pull = force - (grip or 0)
+    np.testing.assert_allclose(sol.v1, [0.0, 0.5, 0.5 + pull * t1], rtol=0, atol=_ROUNDING)
+    assert np.asarray(sol.events.kind)[: int(sol.num_events)].tolist() == [vx.IMPACT]
+
+
 def _lets_go(static) -> vx.ImpactSystem:
     stops, friction = [vx.Contact({0: 1.0, 1: -1.0}, -1.0, 0.5)], [vx.Friction(1, 0.277, static)]
     return _free([1.0, 1.0], [-0.1, -0.33], stops, friction)

@@ -131,7 +131,9 @@ def struck_speeds(machine: Machine, state: State, instant: Instant) -> Struck:
     contacts = machine.contacts
     speed = jnp.where(instant.hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
-    return Struck(speed, restitution, contacts.is_rigid & (state.held | state.is_kept_closed))
+    # What forces pull apart from this very instant on still touches.
+    touches = (state.gap == 0) & ((state.contact == 2) | (state.contact == 3))
+    return Struck(speed, restitution, contacts.is_rigid & (state.held | state.is_kept_closed | touches))
 
 
 def after_impulses(
