@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from .._jax.packing import Packed, pack
-from .._jax.xla import jit_for_lanes, jit_lightly
+from .._jax.xla import jit_for_lanes, jit_lightly, jit_quickly
 from .kernels import ROOM_OF_SIMULATION
 from .parameter_family import ParameterFamily
 from .step_kernel import each_row, first_corrections, take_steps
@@ -69,7 +69,8 @@ def stacked(trees: list) -> Any:
 
 def call(program: Callable, stock: Stock, tasks: Many[int], rows: Any) -> dict[int, Any]:
     """Results of a kernel for some tasks and the rows of its other arguments, computed batch by batch."""
-    run, size = compiled(program), stock.form(len(tasks)).size
+    size = stock.form(len(tasks)).size
+    run = compiled(program, size)
     return answers(tasks, in_parts(run, size, stock.of(tasks), pack(rows, has_rows=True))[0])
 
 
@@ -102,8 +103,8 @@ def _taken(rows: Packed | np.ndarray, part: np.ndarray) -> Packed | np.ndarray:
 
 
 @cache
-def compiled(program: Callable) -> Callable:
-    """A compiled kernel of packed rows, batched by `vmap`."""
+def compiled(program: Callable, size: int) -> Callable:
+    """A compiled kernel of packed rows, batches of which have a size."""
 
     def of_rows(families: Packed, arguments: Packed) -> tuple[Packed]:
         def of_row(family: Packed, arguments: Packed) -> Packed:
@@ -112,7 +113,8 @@ def compiled(program: Callable) -> Callable:
         return (each_row(of_row)(families, arguments),)
 
     of_rows.__name__ = program.__name__  # its name in profiles
-    return jit_lightly(of_rows, name=(program.__module__, program.__qualname__))
+    jit = jit_quickly if size == 1 else jit_lightly  # one row: it runs where a branch meets something
+    return jit(of_rows, name=(program.__module__, program.__qualname__))
 
 
 @cache

@@ -11,7 +11,7 @@ from .._jax.arrays import Scalar, check_type, refuse_single_precision
 from .._jax.concrete import concrete_evaluation, stop_gradients
 from .._jax.errors import checked
 from .._jax.nan_mask import known_or_nan
-from .._jax.xla import compile_lightly, differentiable, padding_allowed
+from .._jax.xla import compile_quickly, differentiable, padding_allowed
 from .._orbits.cycle import traverse
 from .._system.parameters import is_parameter
 from .._system.system import AnySystem, varied
@@ -163,7 +163,7 @@ def _height(solved: tuple[DefiningSystem, Array]) -> Scalar:
     return height_of(defining, implicit_solution(defining, y))
 
 
-@compile_lightly
+@compile_quickly
 def _solved(
     defining: DefiningSystem, guess: ExtendedCycle
 ) -> tuple[AbstractCondition, Array, Int[Array, ""]]:

@@ -17,7 +17,7 @@ from .._dataset_checks import check_columns, finite_attribute, parsed_attribute
 from .._flow.choose import choose_flow
 from .._flow.taylor import TaylorFlow
 from .._hybrid.limits import IMPACT
-from .._jax.xla import compile_lightly
+from .._jax.xla import compile_quickly
 from .._machine.numbers import numbers_of
 from .._orbits.autonomous import log_and_progression
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
@@ -433,7 +433,7 @@ def _room_of_log(sequence: Sequence) -> int:
     return _STEP_OF_ROOM * -(-count // _STEP_OF_ROOM)
 
 
-@compile_lightly
+@compile_quickly
 def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room, is_autonomous):
     machine = prepared(numbers, flow, num_periods)
     shifts = free_shifts(numbers), free_drifts(numbers)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Reals
-from .._jax.xla import jit_lightly
+from .._jax.xla import jit_quickly
 from .._orbits.condensation import condense
 from .._orbits.cycle import linearise, residual_and_moments
 from .._orbits.floquet import floquet_multipliers
@@ -68,7 +68,7 @@ class CurvePoint(NamedTuple):
         return self
 
 
-@jit_lightly
+@jit_quickly
 def correct_in_plane(defining: DefiningSystem, guess: Float[Array, " unknowns"], plane: Plane) -> CurvePoint:
     """Point of a curve in a plane, by Newton's method from a guess."""
     solved = solve(defining, guess, plane)
@@ -97,7 +97,7 @@ def _tangent(matrix: Float[Array, "unknowns unknowns"]) -> Float[Array, " unknow
     return tangent / jnp.linalg.norm(tangent)
 
 
-@jit_lightly
+@jit_quickly
 def neighbours(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> LinearisedReturn:
     """Linearised return of the neighbours of a cycle with these events."""
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)

@@ -31,7 +31,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._jax.arrays import Reals, Scalar
-from .._jax.xla import compile_lightly
+from .._jax.xla import compile_quickly
 from .._orbits.condensation import condense
 from .._orbits.cycle import Problem, Residual, Unknowns, linearise, residual
 from .._orbits.sequence import Sequence
@@ -348,11 +348,11 @@ def _implicit_jvp(primals, tangents):
 
 
 # Two separate programs: derivatives of all kinds share the first, outside of `jax.jit`.
-@compile_lightly
+@compile_quickly
 def _matrix(defining: DefiningSystem, y: Float[Array, " unknowns"]) -> Float[Array, "unknowns unknowns"]:
     return defining.linearised(y)[0]
 
 
-@compile_lightly
+@compile_quickly
 def _moved(defining: DefiningSystem, change: Any, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
     return eqx.filter_jvp(lambda defining: defining.values(y), (defining,), (change,))[1]

@@ -74,7 +74,7 @@ def motions(stock: Stock, task: int, sequence: Sequence, places: ExtendedCycle, 
         lambda a: a[filled], (places, runs.begun, RunSeen(*map(np.stack, zip(*seen, strict=True))))
     )
     given = pack(jax.tree.map(lambda a: np.asarray(a)[None], (sequence, *rows)), has_rows=True)
-    found = in_parts(compiled(read_runs), 1, one, given)[0].unpacked()
+    found = in_parts(compiled(read_runs, 1), 1, one, given)[0].unpacked()
     return jax.tree.map(lambda a: a[0, :num], found)
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._jax.arrays import Reals, Scalar
-from .._jax.xla import compile_lightly
+from .._jax.xla import compile_quickly
 from .._orbits.cycle import Problem, Unknowns, residual
 from .._orbits.rigid_modes import closing_pin
 from .defining_systems import AbstractCondition, DefiningSystem, TrialCycle
@@ -87,7 +87,7 @@ def _of_cycle(cycle: TrialCycle) -> Callable[[Array], Array]:
     return residuals
 
 
-@compile_lightly
+@compile_quickly
 def height_of(defining: DefiningSystem, y: Float[Array, " unknowns"]) -> Scalar:
     """The quantity of a peak at the unknowns of its defining system."""
     place, own = defining.place(y)

@@ -13,7 +13,7 @@ import scipy.linalg
 from jaxtyping import Array, Complex, Float
 
 from .._jax.arrays import Reals
-from .._jax.xla import compile_lightly
+from .._jax.xla import compile_quickly
 from .._orbits.autonomous import with_unit
 from .._orbits.maps import monodromy_matrix
 from .._system.compliant import AbstractCompliantLimit, CompliantContact
@@ -94,7 +94,7 @@ def multipliers_of_whole(
     return np.take_along_axis(found, np.argsort(-np.abs(found), axis=1, kind="stable"), axis=1)
 
 
-@compile_lightly
+@compile_quickly
 def _returns(system: ImpactSystem, period: Reals, x: Reals, v: Reals) -> Float[Array, "points state state"]:
     def of_one(period: Array, x: Array, v: Array) -> Array:
         return monodromy_matrix(with_unit(system, period), x, v, throw=False)

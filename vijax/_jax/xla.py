@@ -75,6 +75,9 @@ _FOR_SUMS = {
 # Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
 # generator (before JAX 0.11) it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
 _LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4, **_FOR_SUMS}
+# Options for programs of thousands of operations that run some hundred times for a millisecond. LLVM's passes are most of
+# the compilation, and such programs have few loops that gain by them.
+_QUICKLY = {"xla_backend_optimization_level": 0, **_LIGHTLY}
 
 
 def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
@@ -84,8 +87,17 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     part of a larger program, under `jax.jit` or derivatives, the function does not affect how that is compiled.
     Programs are stored for later processes, see `program_store.py`.
     """
+    return _compiled(function, _options)
+
+
+def compile_quickly(function: Callable[P, R]) -> Callable[P, R]:
+    """`compile_lightly` in half the time, for programs that run for far less time than they take to compile."""
+    return _compiled(function, _quick_options)
+
+
+def _compiled(function: Callable[P, R], options: Callable[[], dict | None]) -> Callable[P, R]:
     part = eqx.filter_jit(function)
-    programs = Programs(function, _options)
+    programs = Programs(function, options)
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -96,12 +108,12 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def compile_derivatives_lightly(function: Callable[P, R]) -> Callable[P, R]:
-    """`compile_lightly` for functions whose derivatives, outside of `jax.jit`, are compiled lightly too.
+    """`compile_quickly` for functions whose derivatives, outside of `jax.jit`, are compiled lightly.
 
     They are differentiable forwards and in reverse. No rule may call them with tangents: JAX transposes them as
     nonlinear functions.
     """
-    compiled, plain = compile_lightly(function), cast("Callable[..., Any]", function)
+    compiled, plain = compile_quickly(function), cast("Callable[..., Any]", function)
     of_arguments = lambda both: plain(*both[0], **both[1])  # noqa: E731
 
     @wraps(function)
@@ -115,6 +127,10 @@ def compile_derivatives_lightly(function: Callable[P, R]) -> Callable[P, R]:
 
 def _options() -> dict | None:
     return _known_of(_LIGHTLY)
+
+
+def _quick_options() -> dict | None:
+    return _known_of(_QUICKLY)
 
 
 def options_for_lanes() -> dict | None:
@@ -408,6 +424,11 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
         name: names all that a local function depends on, so that its programs can be stored, see `Programs`.
     """
     return wraps(function)(Programs(function, _options, name=name, static_numbers=False))
+
+
+def jit_quickly(function: Callable, name: Any = None) -> Callable:
+    """`compile_quickly` for functions that are never part of a larger program, see `jit_lightly`."""
+    return wraps(function)(Programs(function, _quick_options, name=name, static_numbers=False))
 
 
 def jit_for_lanes(function: Callable, name: Any = None) -> Callable:

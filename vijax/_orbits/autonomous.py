@@ -26,7 +26,7 @@ from .._flow.taylor import TaylorFlow
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
 from .._jax.concrete import check_values, concrete, is_staged, stop_gradients
-from .._jax.xla import compile_derivatives_lightly, compile_lightly
+from .._jax.xla import compile_derivatives_lightly, compile_lightly, compile_quickly
 from .._machine.numbers import numbers_of
 from .._system.forcing import Harmonic
 from .._system.periodicity import refuse_without_period
@@ -233,7 +233,7 @@ def _run(strobe: StroboscopicMap, start: Float[Array, " state"], length: Scalar)
     )
 
 
-@compile_lightly
+@compile_quickly
 def _newton(strobe: StroboscopicMap, run: _Run) -> _Found:
     """The cycle of the events of a run over one unit, by Newton's method."""
     sequence, flights = run.sequence, run.flights
@@ -246,7 +246,7 @@ def _newton(strobe: StroboscopicMap, run: _Run) -> _Found:
     return _Found(sequence, polished.unknowns, is_cycle, jnp.array(False))
 
 
-@compile_lightly
+@compile_quickly
 def _middle(strobe: StroboscopicMap, found: _Found) -> _Middle:
     problem, unknowns = _problem(strobe, found.sequence), found.unknowns
     multipliers = jnp.abs(multipliers_of(problem, pencil_of(problem, unknowns)))
@@ -255,7 +255,7 @@ def _middle(strobe: StroboscopicMap, found: _Found) -> _Middle:
     return _Middle(z, jnp.sum(unknowns.flights), progression_of(problem, unknowns), growth)
 
 
-@compile_lightly
+@compile_quickly
 def _is_followed(strobe: StroboscopicMap, found: _Found, middle: _Middle, run: _Run) -> Bool[Array, ""]:
     """True where a run from the middle of the first flight shows the events of the cycle and closes."""
     flights = from_middle(found.unknowns).flights

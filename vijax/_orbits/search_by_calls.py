@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool
 
 from .._jax.arrays import Reals
 from .._jax.packing import Packed, pack
-from .._jax.xla import jit_lightly
+from .._jax.xla import jit_quickly
 from .._trajectory.instant_codes import instants_of
 from .._trajectory.one_call import EVENTS, CallProgress, Found, KnownMachine
 from .._trajectory.results import RESULTS
@@ -63,7 +63,7 @@ def search_by_calls(machine: KnownMachine, strobe: StroboscopicMap, guess: np.nd
     return search.in_numpy().unpacked()
 
 
-@jit_lightly
+@jit_quickly
 def step_of_search(
     machine: Packed, map_: tuple[Array, Array], search: Packed, seen: _Seen
 ) -> tuple[Packed, Array, Bool[Array, "2"]]:
