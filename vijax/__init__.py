@@ -14,4 +14,7 @@ __version__ = _version("vijax")
 
 
 def __getattr__(name: str):
-    return _with_short_signature(_public(name))
+    from ._calls import with_explained_errors  # JAX comes with it
+
+    globals()[name] = found = with_explained_errors(_with_short_signature(_public(name)), __name__)
+    return found

@@ -59,7 +59,7 @@ WRONG = {
     f'vx.sweep({ONE}, {{"forcing.frequency": [1.0]}}, x0=["0"])': f"Argument `x0` {NUMBERS} ['0'].",
     f"vx.sweep({ONE}, None)": "Argument `values` must give the values of each quantity by its path",
     'vx.base_excitation(["1"], 0.1, 0.8)': f"Argument `mass` {NUMBERS} ['1'].",
-    'vx.models.bouncing_ball(gravity="9.81")': "Expected real numbers, but got '9.81'.",
+    'vx.models.bouncing_ball(gravity="9.81")': f"Argument `gravity` {NUMBERS} '9.81'.",
     'vx.models.uniform_chain(0.8, num_masses="2")': "Argument `num_masses` must be a whole number, 2 or more",
     'vx.load("m.toml", allow_forces=3)': "m.toml: Argument `allow_forces` must be True, or the names of modules",
 }

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, fields
 
+from .._jax.arrays import whole_number
+
 
 @dataclass(frozen=True)
 class ExecutionSettings:
@@ -35,6 +37,11 @@ class ExecutionSettings:
     max_chunk: int = 2048
     long_chain: int = 200_000
     visits: int = 256
+
+    def __post_init__(self):
+        for one in fields(self):
+            if (value := getattr(self, one.name)) != one.default:
+                whole_number(one.name, value, 1)
 
     def __repr__(self) -> str:
         """Only what differs from the default: it stands in the signatures that `help` prints."""

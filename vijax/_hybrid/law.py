@@ -6,7 +6,7 @@ from itertools import combinations
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .._jax.arrays import as_float
+from .._jax.arrays import Numbers, as_float
 from .._machine.machine import Machine
 from .._machine.state import State
 from .friction_impacts import rebound_with_friction
@@ -66,9 +66,7 @@ def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> F
     return jnp.diag(diagonal)
 
 
-def modal_restitution_matrix(
-    modes: Float[Array, "n n"], restitutions: dict[int, ArrayLike]
-) -> Float[Array, "n n"]:
+def modal_restitution_matrix(modes: Numbers, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:
     """Return the restitution matrix of the modal velocities, R^ = Psi^-1 R Psi (Eq. 15).
 
     Args:
@@ -88,6 +86,9 @@ def modal_restitution_matrix(
     References:
         Wagg & Bishop (2004), Eqs. 14-17.
     """
+    modes = as_float(modes, "modes")
+    if modes.ndim != 2 or modes.shape[0] != modes.shape[1]:
+        raise ValueError(f"Argument `modes` must have shape (n, n), but has shape {modes.shape}.")
     return jnp.linalg.solve(modes, restitution_matrix(modes.shape[0], restitutions) @ modes)
 
 

@@ -67,6 +67,7 @@ def find_periodic_orbits(
     """
     refuse_single_precision("find_periodic_orbits", system)
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
+    machine_of(system)  # or a sentence
     states = given_states(starts, system)
     if is_traced((system, args, flow)):
         raise ValueError(

@@ -15,7 +15,7 @@ from .._jax.xla import differentiable, padding_allowed
 from .._machine.machine import prepare, state_before_contact
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._machine.state import State
-from .._system.checks import FINITE, check_number, not_finite, refuse
+from .._system.checks import FINITE, check_number, check_shape, not_finite, refuse
 from .._system.periodicity import check_period
 from .._system.system import AnySystem, ImpactSystem, machine_of, refuse_switching, with_args
 from .._trajectory.results import RESULTS, result_sentences
@@ -138,7 +138,11 @@ def monodromy_matrix(
     """
     machine = machine_of(system)
     n = machine.num_coordinates
-    start = jnp.concatenate(machine.start_of(as_float(x0), as_float(v0)))
+    given = as_float(x0, "x0"), as_float(v0, "v0")
+    for name, value in zip(("x0", "v0"), given, strict=True):
+        if value.shape != (n,):
+            check_shape(name, value, (machine.num_masses,))
+    start = jnp.concatenate(machine.start_of(*given))
 
     def strobe(y: Float[Array, " state"]) -> Float[Array, " state"]:
         end = stroboscopic_map(

@@ -11,7 +11,7 @@ at 0 (`Machine.moved`). Rejected: states of their own in the engine, a third kin
 
 import jax.numpy as jnp
 
-from .._jax.arrays import Numbers, as_float
+from .._jax.arrays import Numbers, as_float, check_type
 from .checks import check_shape
 from .system import ImpactSystem
 
@@ -59,6 +59,7 @@ def with_states(
     References:
         A. Erturk & D. J. Inman, J. Intell. Mater. Syst. Struct. 19 (2008), for the circuit of a harvester.
     """
+    check_type("system", system, ImpactSystem, "one machine, a `vx.ImpactSystem`")
     if system.force is not None:
         raise ValueError(
             "`with_states` is for machines without `force` and `parametric`: write this one as `vx.ImpactSystem(..., num_states=m)`, with a force "

@@ -112,7 +112,7 @@ class ImpactSystem(eqx.Module):
         self.mass = as_float(mass, "mass")
         self.damping = as_float(damping, "damping")
         self.stiffness = as_float(stiffness, "stiffness")
-        if not self.mass.size:
+        if not self.mass.size or not self.mass.ndim:
             raise ValueError(
                 f"Argument `mass` must have shape (n,) or (n, n), but has shape {self.mass.shape}."
             )

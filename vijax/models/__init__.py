@@ -1,5 +1,6 @@
 """Ready-made machines, each with its reference."""
 
+from .._calls import with_explained_errors
 from .._signatures import with_short_signature
 from ._balls import (
     ball_between_walls as ball_between_walls,
@@ -50,6 +51,7 @@ from ._rotors import (
 )
 from ._woodpecker import woodpecker as woodpecker
 
-for _public in list(globals().values()):
-    with_short_signature(_public)
-del _public, with_short_signature
+for _name, _public in list(globals().items()):
+    if _name not in ("with_explained_errors", "with_short_signature"):
+        globals()[_name] = with_explained_errors(with_short_signature(_public), __name__)
+del _name, _public, with_explained_errors, with_short_signature

@@ -7,6 +7,7 @@ matplotlib style; lightness, line styles, markers or words repeat their informat
 
 from importlib import import_module as _import_module
 
+from .._calls import with_explained_errors as _with_explained_errors
 from .._signatures import with_short_signature as _with_short_signature
 
 # Each is imported when it is first used; `__init__.pyi` lists them for type checkers. Drawings and films of machines stand in
@@ -42,7 +43,7 @@ def __getattr__(name: str):
     if name not in _PLACES:
         raise AttributeError(f"No vijax.plot attribute {name}")
     found = getattr(_import_module(f"vijax.{_PLACES[name]}"), name)
-    globals()[name] = _with_short_signature(found)
+    globals()[name] = found = _with_explained_errors(_with_short_signature(found), __name__)
     return found
 
 
