@@ -44,7 +44,7 @@ PUBLIC = {
     """,
     "vijax.models": """
         CubicSpring FrictionLoss PendulumWeight ball_between_walls ball_on_table bead_column bouncing_ball
-        cantilever capsule_robot drop_hammer duffing_oscillator friction_damped_pair friction_oscillator gear_mesh
+        cantilever capsule_robot drill_bit drop_hammer duffing_oscillator friction_damped_pair friction_oscillator gear_mesh
         gear_pair impact_damper impact_oscillator impact_pair impacting_pendulum multi_piston percussive_drill
         pounding_buildings shaken_oscillator soft_impact_oscillator two_sided_oscillator unbalanced_rotor
         uniform_chain vibro_impact_harvester wagg_bishop_a wagg_bishop_b woodpecker

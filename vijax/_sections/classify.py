@@ -48,7 +48,7 @@ def classify(
     (m, n) motion has m impacts in them. From `record` periods n is found up to record / 2, but only up to record / 4
     while the motion still settles: a longer period looks like chaos.
 
-    Where nothing is hit, and the machine is stored and linear, the section does not decide. Instead the periodic
+    Where nothing is hit, and the machine is stored and linear, under harmonics alone, the section does not decide. Instead the periodic
     response to the load and the remaining free vibration are computed. If the response stays between the stops, every
     mode is damped, no force feeds energy in, and the energy of the free vibration cannot carry any mass to a stop, the motion is `non_impacting`
     with n = 1 however slowly it settles, whatever the `tolerance`.

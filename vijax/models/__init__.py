@@ -16,6 +16,7 @@ from ._chains import (
     wagg_bishop_b as wagg_bishop_b,
 )
 from ._dampers import impact_damper as impact_damper
+from ._drilling import drill_bit as drill_bit
 from ._friction import (
     FrictionLoss as FrictionLoss,
     capsule_robot as capsule_robot,
