@@ -77,6 +77,7 @@ def _from_restart(
     state = state_before_contact(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
     if start.mode is not None:
+        assert start.kept is not None
         contact = jnp.where(start.kept, jnp.int8(KEPT_CLOSED), state.contact)
         state = eqx.tree_at(lambda s: (s.mode, s.contact), state, (start.mode, contact))
     if start.knots is not None:
