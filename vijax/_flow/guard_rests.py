@@ -24,6 +24,7 @@ from .._machine.contacts import Held
 from .._machine.derivatives import sizes_of_force
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._machine.switching import SwitchingContacts
 from .interface import Expansion
 
 # Rounding errors of a coefficient of a guard, relative to its terms, in units of the last place.
@@ -87,7 +88,10 @@ def _sizes(machine: Machine, state: State, motion: Expansion) -> tuple[Array, ..
     """Sizes of the terms of positions, forces, third derivatives and velocities, as `Limit.rest` takes them."""
     time, rate = machine.timescale, machine.rate
     x, v, a = (jnp.abs(part) for part in (state.x, state.v, motion.now.acceleration))
-    force = sizes_of_force(machine, jnp.zeros_like(x), x + time * (v + time * a), v + time * a)
-    moved = machine.contacts.inverse_mass_size(force)
+    contacts = machine.contacts
+    # The constant forces of elements are part of the mean load, where they may cancel.
+    load = contacts.size_of_load(state.mode) if isinstance(contacts, SwitchingContacts) else jnp.zeros_like(x)
+    force = sizes_of_force(machine, load, x + time * (v + time * a), v + time * a)
+    moved = contacts.inverse_mass_size(force)
     way = time * (v + time * moved)
     return way * rate**4, force * rate**3, way * rate**3, way * rate**5

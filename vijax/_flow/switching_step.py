@@ -53,6 +53,8 @@ def switching_step(
     nearly = rounding_step(state.x.dtype) * machine.timescale
     most = 2 if set(machine.contacts.laws.kinds) == {FRICTION} else 3
     if has_one_guard(machine):
+        # At one end of its grip a force has zeros ahead there, none at the other end, if it moves to that.
+        order = jnp.where(is_sticking(machine, state) & (ahead.h0 > machine.contacts.laws.grip), 0, order)
         before = _before_other_end(machine, state, ahead, limit, nearly)
         limit = jnp.minimum(limit, smallest(jnp.where(idle, limit, before)))
     steps, is_root = compute_once(_safe_steps, ahead, order, limit, nearly, most)

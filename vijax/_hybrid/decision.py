@@ -36,8 +36,8 @@ from .._machine.switching import FRICTION, RIGID
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
 from .just_after import just_after, sign_just_after, zeros_just_after
 
-# Number of elements at rest up to which all sets are tried, of friction of contacts: three contacts with friction each.
-_ENUMERATED, _ENUMERATED_OF_TIED = 5, 6
+# Number of elements at rest up to which all sets are tried: three contacts with friction each.
+_ENUMERATED = 6
 
 
 class AtRest(NamedTuple):
@@ -99,7 +99,7 @@ def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
         still,
         most,
         nothing,
-        enumerated=_ENUMERATED_OF_TIED if is_tied else _ENUMERATED,
+        enumerated=_ENUMERATED,
         has_two=machine.contacts.are(RIGID) if is_tied else None,
     )
     if not is_tied:

@@ -12,6 +12,7 @@ from .._machine.derivatives import sizes_of_force
 from .._machine.machine import Machine
 from .._machine.small_matrices import slack_of
 from .._machine.state import State
+from .._machine.switching import SwitchingContacts
 
 
 class JustAfter(NamedTuple):
@@ -54,6 +55,8 @@ def just_after(
     dragged = contacts.sizes_dragged
     motion = [jnp.abs(state.x), jnp.abs(state.v)]
     size, load = sizes_of_force(machine, force, motion[0], motion[1]), force
+    if isinstance(contacts, SwitchingContacts):
+        size = size + contacts.size_of_load(state.mode)
     if own is not None:
         size, load = size + back(dragged(jnp.abs(own))), force - contacts.back(contacts.dragged(own))
     accelerations: list[Array] = []

@@ -264,8 +264,8 @@ def _friction_switched(
     arrives = arrives | is_stopped
     new = jnp.where(friction & struck.flags, jnp.sign(struck.speed), direction)
     direction = jnp.where(arrives, 0, new).astype(jnp.int8)
-    # Friction beside a contact that held slides as soon as an impact tears that away.
-    contact = jnp.where(friction & struck.is_set_off, jnp.int8(0), state.contact)
+    # Friction that an impact moves slides at once, also where it rested beside a contact or has just let go.
+    contact = jnp.where(friction & struck.flags, jnp.int8(0), state.contact)
     names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
     state = eqx.tree_at(names, state, (direction, struck.stays & before.held, contact))
     if sticks is not None:

@@ -300,6 +300,13 @@ class SwitchingContacts(Contacts):
         spring = jnp.where(mode.closed, laws.stiffness * self.limit - laws.preload, 0)
         return self.back(self.dragged(spring) - self._rubbing(mode))
 
+    def size_of_load(self, mode: Mode) -> Float[Array, "n ..."]:
+        """Sizes of the terms of `load_of`."""
+        laws = self.laws
+        spring = jnp.where(mode.closed, laws.stiffness * jnp.abs(self.limit) + laws.preload, 0)
+        pushes = self.sizes_dragged(spring + jnp.abs(self._rubbing(mode)))
+        return matvec(jnp.abs(jnp.swapaxes(self.rows, 0, 1)), pushes)
+
     def _rubbing(self, mode: Mode) -> Float[Array, "contacts ..."]:
         """Forces T of friction that does not hold: of slip, and at the bound of the grip where others keep it at rest."""
         return jnp.sign(mode.direction) * jnp.where(

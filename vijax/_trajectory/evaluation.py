@@ -14,7 +14,7 @@ from .._jax.arrays import Reals, Scalar
 from .._jax.packing import Packed
 from .._jax.xla import compile_lightly, jit_lightly
 from .._machine.machine import Machine, in_periods, state_before_contact
-from .._machine.state import with_memory
+from .._machine.state import KEPT_CLOSED, with_memory
 from .event_log import Restarts
 
 
@@ -77,7 +77,9 @@ def _from_restart(
     state = state_before_contact(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
     if start.mode is not None:
-        state = eqx.tree_at(lambda s: s.mode, state, start.mode)
+        assert start.kept is not None
+        contact = jnp.where(start.kept, jnp.int8(KEPT_CLOSED), state.contact)
+        state = eqx.tree_at(lambda s: (s.mode, s.contact), state, (start.mode, contact))
     if start.knots is not None:
         state = eqx.tree_at(lambda s: s.knots, state, start.knots)
     state = with_memory(state, flow.memory(state.time))

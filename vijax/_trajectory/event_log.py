@@ -94,8 +94,8 @@ class EventLog(eqx.Module):
 class Restarts(eqx.Module):
     """State after every instant with an event, the start first, (rows, ...); the rest is padding.
 
-    `t` is the time; `periods` and `time` give it as whole forcing periods since the start and remainder. A row to be
-    written has lanes last, if there are any.
+    `t` is the time; `periods` and `time` give it as whole forcing periods since the start and remainder. `kept` flags what
+    others keep closed or at rest, where forces switch. A row to be written has lanes last, if there are any.
     """
 
     t: Float[Array, "..."]
@@ -106,6 +106,7 @@ class Restarts(eqx.Module):
     v: Float[Array, "..."]
     held: Bool[Array, "..."]
     mode: Mode | None = None
+    kept: Bool[Array, "..."] | None = None
     knots: Knots | None = None
 
 
@@ -193,6 +194,7 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
             v=rows(first.v, 0.0),
             held=rows(held, False),
             mode=jax.tree.map(lambda a: rows(a, 0), first.mode),
+            kept=None if first.mode is None else rows(first.is_kept_closed, False),
             knots=jax.tree.map(lambda a: rows(a, 0), first.knots),
         ),
         instants=jax.tree.map(lambda a: rows(a, 0), nothing),
@@ -220,6 +222,7 @@ def log_row(
         after.v,
         after.held,
         after.mode,
+        None if after.mode is None else after.is_kept_closed,
         after.knots,
     )
     instant = eqx.tree_at(lambda i: i.time, instant, time)
