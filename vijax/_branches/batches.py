@@ -29,8 +29,9 @@ class Stock:
     """
 
     def __init__(self, families: dict[int, ParameterFamily]):
-        self.switches = any(family.is_switching for family in families.values())
-        self.has_grip = any(family.has_tied_friction for family in families.values())
+        # What a family has depends on its tree structure and shapes alone: it is not asked of each.
+        first = next(iter(families.values()))
+        self.switches, self.has_grip = first.is_switching, first.has_tied_friction
         own = {id(family): family for family in families.values()}
         self.rows = pack(stacked(list(own.values())), has_rows=True)
         rows = {one: row for row, one in enumerate(own)}

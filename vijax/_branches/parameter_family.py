@@ -101,7 +101,7 @@ class ParameterFamily(eqx.Module):
     @property
     def is_switching(self) -> bool:
         """True if forces of elements switch: with friction, Jenkins elements or compliant contacts."""
-        return numbers_of(machine_of(self.system)).laws is not None
+        return machine_of(self.system).is_switching
 
     @property
     def num_sliders(self) -> int:

@@ -44,13 +44,18 @@ def symmetries_of(system: Any, args: object = None) -> tuple[Symmetry, ...]:
     Raises:
         ValueError: for traced numbers, or if there are too many.
     """
-    leaves = [concrete(leaf) for leaf in jax.tree.leaves(system)]
-    if any(leaf is None for leaf in leaves):
+    leaves, structure = jax.tree.flatten(system)
+    known = [concrete(leaf) for leaf in leaves]
+    if any(leaf is None for leaf in known):
         raise ValueError(
             "Symmetries are those of known numbers: call `symmetries` outside of `jax.jit`, `jax.vmap` and derivatives."
         )
     with concrete_evaluation():
-        machine = _Machine.of(system, bind_args(force_of(system), args, system.num_masses))
+        # Loads are evaluated a dozen times: by NumPy, which takes half the time of all. A force may need JAX.
+        own = [a if isinstance(leaf, jax.Array) else leaf for leaf, a in zip(leaves, known, strict=True)]
+        machine = _Machine.of(
+            jax.tree.unflatten(structure, own), bind_args(force_of(system), args, system.num_masses)
+        )
         found = list(_symmetries(machine))
     return tuple(sorted(found, key=lambda one: (one.shift, one.order)))
 
