@@ -22,7 +22,6 @@ from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
 from .sequence_edits import with_event, with_events_merged, with_slip
 from .starts import Start, family_of, starting_orbits
-from .switching_changes import later_of_meeting
 from .test_functions import TestFunction, grips, kind_at, tests_of
 from .tolerances import AT_BIFURCATION, NO_DURATION, NO_SPEED
 
@@ -161,7 +160,7 @@ def _with_switching_event(
         return sequence, place, k, True
     if test.of_flight or test.kind == Kind.GRAZING:
         at = BranchPoint.of(sequence, seen, 0.0)
-        meeting = k if test.of_flight else later_of_meeting(at, k)
+        meeting = k if test.of_flight else _later_of_meeting(at, k)
         if meeting is None:
             raise ValueError(
                 "No two events of the contact meet at this point: begin at another bifurcation of the branch."
@@ -194,3 +193,10 @@ def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunctio
     light = NO_SPEED * np.abs(seen.start[len(seen.start) // 2 :]).max()
     impacts = [test for test in tests if test.kind == Kind.GRAZING and abs(test.of(seen)) < light]
     return min(impacts or tests, key=lambda test: abs(test.of(seen)))
+
+
+def _later_of_meeting(event: BranchPoint, k: int) -> int | None:
+    """Number of the later of two events of one compliant contact of which `k` is one, with no time between; None if it has none."""
+    flights, stop = np.append(event.place.flights, np.inf), np.append(event.sequence.stop, -1)
+    pairs = [i for i in (k, k + 1) if i and stop[i] == stop[i - 1]]
+    return min(pairs, key=lambda i: abs(flights[i]), default=None)

@@ -13,6 +13,7 @@ from .._orbits.sequence import Sequence
 from .behind_event import step_off
 from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
+from .events.cross import cross
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import MOST_EVENTS, SimulatedMotion, padded, trimmed
 from .kinds import EndKind, Kind, public_kind
@@ -29,11 +30,10 @@ from .point import (
     predicted_point,
 )
 from .requests import Requests, ask, simulation_from, simulation_of
-from .sequence_switching import (
-    by_sequence,
+from .section import in_section
+from .simulated_events import (
     continue_by_simulation,
     cycle_of_simulation,
-    in_section,
     with_simulated_bounces,
 )
 from .steps import PlainSteps, Tried
@@ -42,6 +42,7 @@ from .test_functions import (
     begins_with_contact,
     crossings,
     grips,
+    is_plastic,
     kind_at,
     stops_in_impacts,
     tests_of,
@@ -283,7 +284,10 @@ def _step(
     crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
     met = without_echoes(point.sequence, crossed)
     met += stops_in_impacts(point.sequence, point.seen, new.seen)
-    if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
+    if any(
+        test.kind == Kind.CHATTER_COMPLETION and not is_plastic(point.sequence, point.seen, test)
+        for test in met
+    ):
         return None  # ever more bounces accumulate on the step
     confirmed = None
     if not met:
@@ -318,11 +322,6 @@ def _step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step |
         specials = yield from special_points(walk, point, first[1])
         return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
     return None
-
-
-def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:
-    """True if the stop of an event has zero restitution."""
-    return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
 
 
 def _confirmed(
@@ -374,8 +373,8 @@ def _continue_behind_event(
     limit = yield from _end_at_cascade_limit(walk, MANY)
     if limit is not None:
         return limit
-    new = yield from by_sequence(walk, test, event)
-    if isinstance(new, End):
+    new: BranchPoint | End | None = yield from cross(walk, test, event)
+    if new is None:
         new = yield from continue_by_simulation(event, walk.num_periods)
     if isinstance(new, End):
         return new

@@ -19,12 +19,11 @@ from .._system.waves import phase_at
 from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log
 from .._trajectory.solution import RESULTS
-from .admissibility import LeastMargins, Margins, guards_of, margins_at, margins_of_cycle
+from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
 from .batch_corrector import can_correct_many, correct_many
 from .batch_margins import margins_of_cycles
 from .corrector import Corrected, correct, evaluate_at
 from .parameter_family import ExtendedCycle, ParameterFamily
-from .torn_friction import excess_of_torn, grip_before_torn
 
 # Padded numbers of events for which kernels are compiled.
 _ROOMS = 16, 64, 256, 1024
@@ -205,17 +204,6 @@ def _with_rates(
     start = start_in_middle(problem, unknowns) if family.is_autonomous else unknowns.z
     past = jnp.full(PAST, jnp.nan, start.dtype)
     return CorrectedCycle(found, watched, rates, start - frame_offset(problem), past)
-
-
-def torn_margins(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
-) -> tuple[Float[Array, "events elements"], Float[Array, "events elements"]]:
-    """Grip left just before each event that tears friction off, and force beyond it behind, see `torn_friction.py`."""
-    problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    begins, _ = traverse(problem, unknowns, jnp.sum(sequence.is_event))
-    guards = guards_of(problem)
-    left = grip_before_torn(sequence, begins, unknowns.flights, guards)
-    return left, excess_of_torn(sequence, begins, guards)[1:]
 
 
 def simulate_motion(

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .._hybrid.limits import CLOSE, RELEASE, SLIP, STICK, TURN
-from .._machine.state import BEHIND, CLOSED, STICKING
+from .._hybrid.limits import SLIP, STICK, TURN
+from .._machine.state import BEHIND, STICKING
 from .._orbits.sequence import SECOND, Sequence, effective
 from .parameter_family import ExtendedCycle
 
@@ -30,26 +30,6 @@ def with_event(
     return Sequence(kinds, stops, mode), place._replace(flights=flights)
 
 
-def with_contact(
-    sequence: Sequence,
-    place: ExtendedCycle,
-    stop: int,
-    opening: int,
-    flight: int,
-    when: tuple[float, float],
-) -> tuple[Sequence, ExtendedCycle]:
-    """Insert a short contact on a flight: a compliant contact closes and, by an event of kind `opening`, opens.
-
-    `when` is the time of its middle, in forcing periods after the start, and its duration.
-    """
-    middle, duration = when
-    sequence, place = with_event(sequence, place, CLOSE, stop, flight, middle - duration / 2)
-    sequence, place = with_event(sequence, place, opening, stop, flight + 1, middle + duration / 2)
-    mode = sequence.mode.copy()
-    mode[flight + 1, stop] = CLOSED
-    return sequence._replace(mode=mode), place
-
-
 def with_slip(
     sequence: Sequence, place: ExtendedCycle, k: int, element: int, *, is_behind: bool
 ) -> tuple[Sequence, ExtendedCycle]:
@@ -60,50 +40,6 @@ def with_slip(
     kinds = np.insert(sequence.kind, k + is_behind, SLIP + SECOND * (slips == BEHIND))
     stops = np.insert(sequence.stop, k + is_behind, element)
     return Sequence(kinds, stops, mode), place._replace(flights=np.insert(place.flights, k + 1, 0.0))
-
-
-def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
-    """Numbers of an event in all rounds of a cycle that traverses a shorter one several times, see `with_events`."""
-    rounds, _ = how
-    return sorted({(k + j * num_events // rounds) % num_events for j in range(rounds)})
-
-
-def with_events(
-    sequence: Sequence,
-    place: ExtendedCycle,
-    kind: int,
-    stop: int,
-    at: tuple[int, float],
-    how: tuple[int, float],
-) -> tuple[Sequence, ExtendedCycle, int]:
-    """Insert an event by `with_event` in every round of a cycle; also return the number of the first of them.
-
-    `at` is the flight and the time of one of them, `how` the number of rounds, and of forcing periods of all rounds.
-    """
-    (flight, time), (rounds, num_periods) = at, how
-    if rounds == 1:
-        return *with_event(sequence, place, kind, stop, flight, time), flight
-    ends, flights = np.cumsum(place.flights), []
-    for when in sorted((time + j * num_periods / rounds) % num_periods for j in range(rounds))[::-1]:
-        flights.append(int(np.count_nonzero(ends < when)))
-        sequence, place = with_event(sequence, place, kind, stop, flights[-1], when)
-    return sequence, place, flights[-1]
-
-
-def with_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """Insert a stick of zero duration, and its release, after impact `k`."""
-    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
-    sequence, place = with_event(sequence, place, RELEASE, stop, k + 1, time)
-    mode = sequence.mode.copy()
-    mode[k + 1, stop] = True
-    return Sequence(sequence.kind, sequence.stop, mode), place
-
-
-def without_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """Remove release `k` and the stick of zero duration that it ends."""
-    mode = sequence.mode.copy()
-    mode[k] = mode[k + 1]
-    return without_event(Sequence(sequence.kind, sequence.stop, mode), place, k)
 
 
 def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
@@ -129,13 +65,6 @@ def with_events_merged(sequence: Sequence, place: ExtendedCycle, k: int) -> tupl
     merged = Sequence(kind, stops, np.delete(sequence.mode, k, axis=0))
     merged_place = place._replace(flights=flights)
     return without_event(merged, merged_place, k - 1) if before == after else (merged, merged_place)
-
-
-def with_other_kind(sequence: Sequence, k: int, kind: int, stop: int) -> Sequence:
-    """Replace event `k` by one of another kind and element after which the same elements hold and slide."""
-    kinds, stops = sequence.kind.copy(), sequence.stop.copy()
-    kinds[k], stops[k] = kind, stop
-    return Sequence(kinds, stops, sequence.mode)
 
 
 def with_order_exchanged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:

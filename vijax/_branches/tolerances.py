@@ -114,8 +114,6 @@ STEP_OFF_LIGHT = 1e-4, 1e-5, 1e-6
 TRIALS_AHEAD = 1e-6, 1e-5, 1e-4, 1e-3
 # share: distance of the point behind a corner, relative to that of its plane: no branch bends nearer to a right angle.
 CORNER_NEAR = 20.0
-# periods: times by which new impacts at several stops come before their touch, and durations of new contacts.
-EARLIER_IMPACTS, NEW_CONTACTS = (1e-4, 1e-5, 1e-3), (1e-4, 1e-5, 1e-3)
 # share: size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one,
 # both vanish as the square of what tells the cycles apart.
 VANISHES_TOGETHER = 1e-7
@@ -130,6 +128,25 @@ NEGATIVE = 1e-10
 LIGHTEST_FLIGHT = 1e-7
 # none: size of a test function below which a given orbit lies on the event; its least rate, for it does not only touch zero.
 ON_EVENT, FALLING_RATE = 1e-12, 1e-6
+
+# ---- Corners ----
+
+# none: largest residual, not divided by durations, of a word that the motion at a corner solves: those of others begin at 1e-2.
+CORNER_SOLVED = 1e-6
+# start, parameter: distance within which a corrected cycle is the corner; rate of a duration that is none.
+SAME_CORNER = 1e-5
+# cycle: lengths of the step off a corner; the first at which the machine follows the new word counts. Share: largest distance
+# from the guess.
+STEP_OFF_CORNER, STEPS_FROM_GUESS = (1e-6, 1e-7, 1e-5, 1e-4), 5.0
+# share: duration between new letters, relative to the step off, of a double root.
+DOUBLE_ROOT = 1e-4
+# periods: negative duration that is rounding, where a symmetry keeps one at zero.
+NO_FLIGHT = 1e-14
+# size of the function, periods: a least value beside a letter of its own element.
+ECHO_VALUE, ECHO_NEAR = 1e-5, 1e-3
+# periods: times between letters of a singular word. Start: largest distance of the cycle there. Share: of that time to which
+# the cycle is followed back, and of its distance from the corner that may be left.
+APART, APART_NEAR, APART_SHARE, APART_JOINED = (1e-4, 1e-5, 1e-3), 1e-2, 0.1, 0.5
 
 # ---- Ends of branches ----
 

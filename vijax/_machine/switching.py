@@ -85,12 +85,23 @@ class Laws(eqx.Module):
         return self.normal is not None
 
 
+def kinds_of_elements(system: ImpactSystem) -> list[int]:
+    """Kinds of all elements of a machine, rigid contacts included."""
+    kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in system.stops]
+    return kinds + [FRICTION] * len(system.friction) + [JENKINS] * len(system.hysteresis)
+
+
+def contacts_of_elements(system: ImpactSystem) -> list[int]:
+    """Number of the contact that presses each element, -1 for all but friction of contacts."""
+    of_friction = [element.contact if element.is_tied else -1 for element in system.friction]
+    return [-1] * len(system.stops) + of_friction + [-1] * len(system.hysteresis)
+
+
 def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
     """Laws of the elements of a machine, None if all its contacts are rigid; `of_contacts` makes an array of a list."""
     if not system.is_switching:
         return None
-    kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in system.stops]
-    kinds += [FRICTION] * len(system.friction) + [JENKINS] * len(system.hysteresis)
+    kinds = kinds_of_elements(system)
     elements = [*system.stops, *system.friction, *system.hysteresis]
 
     def of(name: str, *own: int) -> Reals:
@@ -98,7 +109,7 @@ def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
         return of_contacts([getattr(element, name) if kind in own else 0.0 for kind, element in pairs])
 
     tied = [kind == FRICTION and element.is_tied for kind, element in zip(kinds, elements, strict=True)]
-    normal = [element.contact if is_tied else -1 for is_tied, element in zip(tied, elements, strict=True)]
+    normal = contacts_of_elements(system)
 
     def of_friction(name: str, *, is_tied: bool = False) -> Reals:
         own = [kind == FRICTION and each == is_tied for kind, each in zip(kinds, tied, strict=True)]

@@ -1,0 +1,192 @@
+"""Continue a branch behind a corner, on the words of letters that the machine follows there.
+
+At a corner the motion solves the equations of the word before, and of every word behind. A word counts if the cycle on it goes
+off with positive margins and the machine follows it. Its equations are regular there, or singular where new events meet at
+a double root: such words are found with their letters a given time apart, see `apart.py`.
+"""
+
+from collections.abc import Iterator
+from itertools import islice, product
+
+import numpy as np
+
+from ..._machine.switching import contacts_of_elements, kinds_of_elements
+from ..._orbits.sequence import SECOND, Sequence
+from ..._system.system import machine_of
+from ..behind_event import corrected_on_sequence
+from ..kernels import padded
+from ..kinds import Kind
+from ..parameter_family import ParameterFamily
+from ..point import BranchPoint, DirectedBranch, at_parameter, corrected
+from ..requests import HostCall, Requests, ask
+from ..test_functions import TestFunction, is_plastic, margins, test_slopes
+from ..tolerances import (
+    CORNER_SOLVED,
+    DOUBLE_ROOT,
+    SAME_CORNER,
+    STEP_OFF_CORNER,
+    STEPS_FROM_GUESS,
+    VANISHES_TOGETHER,
+)
+from .apart import apart
+from .corner import Corner, Instant, Trial, corner_of
+from .following import is_followed_behind, is_positive
+from .in_impact import past_impact
+from .residuals import residuals_of
+from .words import Elements, Word, meaning, words_between
+
+# So many trials are corrected at once; before any others, residuals tell which words the motion may solve.
+_FEW = 4
+
+
+def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
+    """The first point of a branch behind a corner; None if no word leads on."""
+    if test.kind == Kind.IN_IMPACT:
+        return None if test.of_flight else (yield from past_impact(event, test))
+    if test.kind == Kind.CHATTER_COMPLETION and not is_plastic(event.sequence, event.seen, test):
+        return None  # ever more bounces follow: `grazing_cascade.py`
+    # In all rounds of a cycle that traverses a shorter one, in one of them alone, or, by a symmetry, half a cycle later too.
+    for rounds in dict.fromkeys((walk.rounds, 1, 2)):
+        corner = corner_of(event, test, rounds, walk.num_periods)
+        point = yield from _point_behind(corner)
+        if point is not None:
+            walk.rounds = min(rounds, walk.rounds)
+            return point
+    return None
+
+
+def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
+    """The first point behind a corner, on the first words that lead on."""
+    elements = yield from _elements(corner.event.sequence)
+    choices = [words_between(at.mode, _acting(at, elements), elements, at.word) for at in corner.instants]
+    tried = list(islice(_alike(choices), _FEW + 1))
+    for words in tried[:_FEW]:
+        point = yield from _point_on(corner, corner.with_words(words))
+        if point is not None:
+            return point
+    if len(tried) > _FEW:
+        for words in _alike((yield from _solved(corner, choices))):
+            point = (
+                None if words in tried[:_FEW] else (yield from _point_on(corner, corner.with_words(words)))
+            )
+            if point is not None:
+                return point
+    return None
+
+
+def _elements(sequence: Sequence) -> Requests[Elements]:
+    """The elements of a machine."""
+
+    def of(family: ParameterFamily) -> Elements:
+        system = machine_of(family.system)
+        return Elements(tuple(kinds_of_elements(system)), tuple(contacts_of_elements(system)))
+
+    return (yield from ask(HostCall(of, sequence)))
+
+
+def _acting(at: Instant, elements: Elements) -> tuple[int, ...]:
+    """Elements of an instant, with friction of their contacts."""
+    return tuple(
+        i for i, contact in enumerate(elements.contacts) if i in at.elements or contact in at.elements
+    )
+
+
+def _alike(choices: list[list[Word]]) -> Iterator[tuple[Word, ...]]:
+    """Choices of one word at each instant, with the same events: of several the same change at all."""
+    for own in dict.fromkeys(_events(word) for word in choices[0]):
+        yield from product(*([word for word in words if _events(word) == own] for words in choices))
+
+
+def _events(word: Word) -> tuple[int, ...]:
+    return tuple(letter.kind % SECOND for letter in word)
+
+
+def _solved(corner: Corner, choices: list[list[Word]]) -> Requests[list[list[Word]]]:
+    """The words of each instant whose equations the motion at the corner solves."""
+    before = [at.word for at in corner.instants]
+    trials = [
+        corner.with_words((*before[:k], word, *before[k + 1 :]))
+        for k, words in enumerate(choices)
+        for word in words
+    ]
+    left = yield from residuals_of([(trial.sequence, trial.place) for trial in trials])
+    is_solved = iter(left < CORNER_SOLVED)
+    return [[word for word in words if next(is_solved)] for words in choices]
+
+
+def _point_on(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
+    """The first point behind a corner on some words; None if the machine does not follow them."""
+    if [meaning(word) for word in trial.words] == [meaning(at.word) for at in corner.instants]:
+        return None
+    at = yield from corrected_on_sequence(trial.sequence, trial.place, corner.event)
+    if isinstance(at, BranchPoint) and _is_at_corner(at, trial):
+        for is_ahead in (True, False) if _rises(at) else (False, True):
+            new = yield from _step_off(at, corner, trial, is_ahead=is_ahead)
+            if new is not None and not _has_double_root(new, at, corner, trial):
+                return new
+        own = _new_durations(corner, trial)
+        if not np.any(np.abs(at.tangent.flights[own]) < SAME_CORNER):
+            return None
+    return (yield from apart(corner, trial))
+
+
+def _is_at_corner(at: BranchPoint, trial: Trial) -> bool:
+    away = max(np.abs(at.place.z - trial.place.z).max(), abs(at.place.p - trial.place.p))
+    return bool(away < SAME_CORNER)
+
+
+def _rises(at: BranchPoint) -> bool:
+    """True if the margins that vanish at a corner rise along the tangent."""
+    (sequence,) = padded(at.sequence, (), len(at.seen.found.speeds))
+    values, slopes = margins(sequence, at.seen), test_slopes(sequence, at.seen)
+    own = slopes[np.abs(values) < VANISHES_TOGETHER]
+    return not len(own) or bool(own.min() > -own.max())
+
+
+def _step_off(
+    at: BranchPoint, corner: Corner, trial: Trial, *, is_ahead: bool
+) -> Requests[BranchPoint | None]:
+    """A point close behind a corner with positive margins that the machine follows; None if there is none."""
+    tangent = at.tangent if is_ahead else at.tangent.turned()
+    for ds in STEP_OFF_CORNER:
+        guess = at.place.moved(tangent, ds)
+        seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
+        new = BranchPoint.of(at.sequence, seen, at.arc + ds)
+        # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
+        if not seen.found.is_converged or new.place.distance(guess) > STEPS_FROM_GUESS * ds:
+            continue
+        if not is_positive(new, corner, trial.words) or (yield from _is_way_back(new, corner, trial)):
+            continue
+        followed = yield from is_followed_behind(new, corner.num_periods)
+        if followed is not None:
+            return followed
+    return None
+
+
+def _is_way_back(point: BranchPoint, corner: Corner, trial: Trial) -> Requests[bool]:
+    """True if a point is one of the branch before its corner: where nothing damps a contact two of its guards vanish at once."""
+    before = [at.word for at in corner.instants]
+    if [meaning(word, is_logged=True) for word in trial.words] != [
+        meaning(word, is_logged=True) for word in before
+    ]:
+        return False
+    event, flights = corner.event, point.place.flights
+    if len(flights) != len(event.place.flights):
+        return False
+    seen = yield from at_parameter(event.sequence, point.place, float(point.place.p))
+    old = BranchPoint.of(event.sequence, seen, event.arc)
+    is_same = seen.found.is_converged and np.abs(old.place.z - point.place.z).max() < SAME_CORNER
+    return bool(is_same) and is_positive(old, corner, before)
+
+
+def _new_durations(corner: Corner, trial: Trial) -> list[int]:
+    """Numbers of the flights between the new events of the one instant of a corner."""
+    if len(corner.instants) > 1:
+        return []
+    return [corner.instants[0].first + k for k in range(1, len(trial.words[0]))]
+
+
+def _has_double_root(new: BranchPoint, at: BranchPoint, corner: Corner, trial: Trial) -> bool:
+    """True if a duration between new events is still zero a step behind a corner."""
+    own = _new_durations(corner, trial)
+    return bool(np.any(np.abs(new.place.flights[own]) < DOUBLE_ROOT * (new.arc - at.arc)))
