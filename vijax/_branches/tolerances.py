@@ -142,6 +142,8 @@ STEP_OFF_CORNER, STEPS_FROM_GUESS = (1e-6, 1e-7, 1e-5, 1e-4), 5.0
 DOUBLE_ROOT = 1e-4
 # periods: negative duration that is rounding, where a symmetry keeps one at zero.
 NO_FLIGHT = 1e-14
+# size of the function: negative margin that may be rounding, so that a longer step off decides.
+MARGIN_ROUNDING = 1e-12
 # size of the function, periods: a least value beside a letter of its own element.
 ECHO_VALUE, ECHO_NEAR = 1e-5, 1e-3
 # periods: times between letters of a singular word. Start: largest distance of the cycle there. Share: of that time to which

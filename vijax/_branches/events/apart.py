@@ -12,7 +12,7 @@ from ..point import BranchPoint, corrected
 from ..requests import Requests
 from ..tolerances import APART, APART_JOINED, APART_NEAR, APART_SHARE
 from .corner import Corner, Trial
-from .following import is_followed_behind, is_positive
+from .following import is_followed_behind, lowest_margin
 
 
 def apart(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
@@ -29,7 +29,7 @@ def apart(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
             continue
         new = BranchPoint.of(sequence, seen, event.arc)
         away = new.place.distance_of_starts(event.place)
-        if not (away < APART_NEAR and is_positive(new, corner, trial.words)):
+        if not (away < APART_NEAR and lowest_margin(new, corner, trial.words) >= 0):
             continue
         followed = yield from is_followed_behind(new, corner.num_periods)
         if followed is None or not (yield from _is_joined(event, new, weights, length)):

@@ -23,6 +23,7 @@ from ..test_functions import TestFunction, is_plastic, margins, test_slopes
 from ..tolerances import (
     CORNER_SOLVED,
     DOUBLE_ROOT,
+    MARGIN_ROUNDING,
     SAME_CORNER,
     STEP_OFF_CORNER,
     STEPS_FROM_GUESS,
@@ -30,9 +31,9 @@ from ..tolerances import (
 )
 from .apart import apart
 from .corner import Corner, Instant, Trial, corner_of
-from .following import is_followed_behind, is_positive
+from .following import is_followed_behind, lowest_margin
 from .in_impact import past_impact
-from .residuals import residuals_of
+from .residuals import ROWS, residuals_of
 from .words import Elements, Word, meaning, words_between
 
 # So many trials are corrected at once; before any others, residuals tell which words the motion may solve.
@@ -59,19 +60,24 @@ def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
     """The first point behind a corner, on the first words that lead on."""
     elements = yield from _elements(corner.event.sequence)
     choices = [words_between(at.mode, _acting(at, elements), elements, at.word) for at in corner.instants]
-    tried = list(islice(_alike(choices), _FEW + 1))
-    for words in tried[:_FEW]:
+    tried = list(islice(_alike(choices), _FEW))
+    for words in tried:
         point = yield from _point_on(corner, corner.with_words(words))
         if point is not None:
             return point
-    if len(tried) > _FEW:
-        for words in _alike((yield from _solved(corner, choices))):
-            point = (
-                None if words in tried[:_FEW] else (yield from _point_on(corner, corner.with_words(words)))
-            )
+    # One instant's words are taken in parts, as mostly an early one leads on.
+    parts = _parts(choices[0]) if len(choices) == 1 else [choices]
+    for part in parts:
+        for words in _alike((yield from _solved(corner, part))):
+            point = None if words in tried else (yield from _point_on(corner, corner.with_words(words)))
             if point is not None:
                 return point
     return None
+
+
+def _parts(words: list[Word]) -> list[list[list[Word]]]:
+    """Words of one instant in parts whose residuals one call computes, without those that are tried before."""
+    return [[words[k : k + ROWS]] for k in range(_FEW, len(words), ROWS)]
 
 
 def _elements(sequence: Sequence) -> Requests[Elements]:
@@ -93,7 +99,7 @@ def _acting(at: Instant, elements: Elements) -> tuple[int, ...]:
 
 def _alike(choices: list[list[Word]]) -> Iterator[tuple[Word, ...]]:
     """Choices of one word at each instant, with the same events: of several the same change at all."""
-    for own in dict.fromkeys(_events(word) for word in choices[0]):
+    for own in dict.fromkeys(map(_events, choices[0])):
         yield from product(*([word for word in words if _events(word) == own] for words in choices))
 
 
@@ -155,7 +161,10 @@ def _step_off(
         # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
         if not seen.found.is_converged or new.place.distance(guess) > STEPS_FROM_GUESS * ds:
             continue
-        if not is_positive(new, corner, trial.words) or (yield from _is_way_back(new, corner, trial)):
+        least = lowest_margin(new, corner, trial.words)
+        if least < -MARGIN_ROUNDING or (yield from _is_way_back(new, corner, trial)):
+            return None
+        if least < 0:
             continue
         followed = yield from is_followed_behind(new, corner.num_periods)
         if followed is not None:
@@ -176,7 +185,7 @@ def _is_way_back(point: BranchPoint, corner: Corner, trial: Trial) -> Requests[b
     seen = yield from at_parameter(event.sequence, point.place, float(point.place.p))
     old = BranchPoint.of(event.sequence, seen, event.arc)
     is_same = seen.found.is_converged and np.abs(old.place.z - point.place.z).max() < SAME_CORNER
-    return bool(is_same) and is_positive(old, corner, before)
+    return bool(is_same) and lowest_margin(old, corner, before) >= 0
 
 
 def _new_durations(corner: Corner, trial: Trial) -> list[int]:

@@ -16,20 +16,20 @@ from .corner import Corner
 from .words import Word
 
 
-def is_positive(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> bool:
-    """True if all margins are positive behind a corner.
+def lowest_margin(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> float:
+    """The lowest margin behind a corner, 0 at most; negative also for a speed that is zero.
 
     Durations that a symmetry keeps at zero may be rounding. The least value of a guard beside a letter of its own element
     vanishes with that: the margins of the letter decide.
     """
+    least = 0.0
     for test in tests_of(point.sequence):
         value = test.of(point.seen)
         is_speed = test.kind == Kind.GRAZING and not test.least
-        if value > (NO_FLIGHT if is_speed else -NO_FLIGHT):
-            continue
-        if not (test.least and value > -ECHO_VALUE and _is_echo(test, point, corner, words)):
-            return False
-    return True
+        is_low = value <= (NO_FLIGHT if is_speed else -NO_FLIGHT)
+        if is_low and not (test.least and value > -ECHO_VALUE and _is_echo(test, point, corner, words)):
+            least = min(least, value, -NO_FLIGHT)
+    return least
 
 
 def _is_echo(test: TestFunction, point: BranchPoint, corner: Corner, words: Sequence[Word]) -> bool:

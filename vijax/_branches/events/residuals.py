@@ -14,8 +14,8 @@ from ..kernels import padded, room_for
 from ..parameter_family import ExtendedCycle, ParameterFamily
 from ..requests import KernelCall, Requests, ask
 
-# Cycles of one call.
-_ROWS = 32
+# ROWS: cycles of one call.
+ROWS = 32
 # periods: duration below which a flight has none when residuals are divided by it.
 _MOMENT = 1e-12
 
@@ -49,9 +49,9 @@ def residuals_of(cycles: list[tuple[Sequence, ExtendedCycle]]) -> Requests[np.nd
     room = room_for(len(longest.kind))
     wide = [padded(sequence, (own,), room) for sequence, own in cycles]
     rows = [(*sequence, own.flights) for sequence, own in wide]
-    rows += [rows[-1]] * (-len(rows) % _ROWS)
+    rows += [rows[-1]] * (-len(rows) % ROWS)
     found = []
-    for k in range(0, len(rows), _ROWS):
-        part = tuple(np.stack(own) for own in zip(*rows[k : k + _ROWS], strict=True))
+    for k in range(0, len(rows), ROWS):
+        part = tuple(np.stack(own) for own in zip(*rows[k : k + ROWS], strict=True))
         found.append((yield from ask(KernelCall(residuals, longest, (place, part)))))
     return np.concatenate(found)[: len(cycles)]
