@@ -1,5 +1,7 @@
 """First point of a branch behind an event where its sequence changes."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .._orbits.sequence import Sequence
@@ -9,7 +11,10 @@ from .parameter_family import ExtendedCycle
 from .point import BranchPoint, End, correct_with_free_parameter, corrected
 from .requests import Requests
 from .test_functions import tests_of
-from .tolerances import JUMP_NEARER, NEARER, NEGATIVE, NO_JUMP, STEP_OFF
+from .tolerances import JUMP_NEARER, NEARER, NEGATIVE, NO_JUMP, STEP_OFF, STEPS_FROM_GUESS
+
+# From a point to the point that takes its place, or None.
+Accepts = Callable[[BranchPoint], Requests[BranchPoint | None]]
 
 
 def corrected_on_sequence(
@@ -22,20 +27,25 @@ def corrected_on_sequence(
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
-def step_off(
-    at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = STEP_OFF
-) -> Requests[BranchPoint | End]:
-    """A point close behind, in the direction of the tangent or the opposite one."""
+def step_off(at: BranchPoint, is_ahead: bool, accepted: Accepts) -> Requests[BranchPoint | None]:
+    """The first accepted point close behind, in the direction of the tangent or the opposite one; None if there is none."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
-    for ds in lengths:
+    for ds in STEP_OFF:
         guess = at.place.moved(tangent, ds)
         seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
         new = BranchPoint.of(at.sequence, seen, at.arc + ds)
         # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
-        is_near = seen.found.is_converged and new.place.distance(guess) < ds
-        if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
-            return new
-    return End(EndKind.SEVERAL_EVENTS)
+        if seen.found.is_converged and new.place.distance(guess) < STEPS_FROM_GUESS * ds:
+            found = yield from accepted(new)
+            if found is not None:
+                return found
+    return None
+
+
+def with_margins(point: BranchPoint) -> Requests[BranchPoint | None]:
+    """The point if all its margins are positive; else None."""
+    yield from ()
+    return point if min((test.of(point.seen) for test in tests_of(point.sequence)), default=1) > 0 else None
 
 
 def keeps_margins(event: BranchPoint, new: BranchPoint) -> bool:

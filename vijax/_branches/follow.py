@@ -10,7 +10,7 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .behind_event import step_off
+from .behind_event import step_off, with_margins
 from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
 from .events.cross import cross
@@ -60,7 +60,6 @@ from .tolerances import (
     SHORTER_AT_EVENT,
     SHORTER_BEHIND,
     SHORTEST_STEP,
-    STEP_OFF_LIGHT,
     TRIALS_AHEAD,
     TRUSTED,
     VANISHING_STICK,
@@ -189,10 +188,7 @@ def _add_and_release_hold(
     end = yield from _add_if_new(walk, event)
     if end is not None:
         return end
-    new = yield from step_off(event)
-    if isinstance(new, End) and event.sequence.is_switching:  # the speed of the impact may grow by squares
-        new = yield from step_off(event, lengths=STEP_OFF_LIGHT)
-    return new
+    return (yield from step_off(event, True, with_margins)) or End(EndKind.SEVERAL_EVENTS)
 
 
 def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requests[End | None]:
@@ -390,8 +386,8 @@ def _beyond(event: BranchPoint, free: BranchPoint | None) -> Requests[BranchPoin
     """
     if free is None:
         return End(Kind.GRAZING)
-    new = yield from step_off(free, bool(free.tangent.p * event.tangent.p > 0))
-    return End(Kind.GRAZING) if isinstance(new, End) else new
+    is_ahead = bool(free.tangent.p * event.tangent.p > 0)
+    return (yield from step_off(free, is_ahead, with_margins)) or End(Kind.GRAZING)
 
 
 def _add_if_new(walk: DirectedBranch, point: BranchPoint) -> Requests[End | None]:

@@ -106,10 +106,9 @@ DOUBLING_SAME, DOUBLING_APART, DOUBLING_AS_ONE = 1e-9, 1e-2, 1e-4
 
 # ---- Behind an event ----
 
-# cycle: lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
-STEP_OFF = 1e-7, 1e-8, 1e-9, 1e-10
-# cycle: the same off a slow impact beside friction: the machine takes one below 1e-6 for the end of a chatter.
-STEP_OFF_LIGHT = 1e-4, 1e-5, 1e-6
+# cycle: lengths of the step off a point where the sequence changes; the first that is accepted counts. The machine takes an
+# impact below 1e-6 for the end of a chatter. Share: largest distance from the guess.
+STEP_OFF, STEPS_FROM_GUESS = (1e-6, 1e-7, 1e-5, 1e-4), 5.0
 # cycle: lengths at which the machine is simulated where no step leads off.
 TRIALS_AHEAD = 1e-6, 1e-5, 1e-4, 1e-3
 # share: distance of the point behind a corner, relative to that of its plane: no branch bends nearer to a right angle.
@@ -135,15 +134,10 @@ ON_EVENT, FALLING_RATE = 1e-12, 1e-6
 CORNER_SOLVED = 1e-6
 # start, parameter: distance within which a corrected cycle is the corner; rate of a duration that is none.
 SAME_CORNER = 1e-5
-# cycle: lengths of the step off a corner; the first at which the machine follows the new word counts. Share: largest distance
-# from the guess.
-STEP_OFF_CORNER, STEPS_FROM_GUESS = (1e-6, 1e-7, 1e-5, 1e-4), 5.0
 # share: duration between new letters, relative to the step off, of a double root.
 DOUBLE_ROOT = 1e-4
 # periods: negative duration that is rounding, where a symmetry keeps one at zero.
 NO_FLIGHT = 1e-14
-# size of the function: negative margin that may be rounding, so that a longer step off decides.
-MARGIN_ROUNDING = 1e-12
 # size of the function, periods: a least value beside a letter of its own element.
 ECHO_VALUE, ECHO_NEAR = 1e-5, 1e-3
 # periods: times between letters of a singular word. Start: largest distance of the cycle there. Share: of that time to which

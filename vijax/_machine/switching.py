@@ -93,7 +93,7 @@ def kinds_of_elements(system: ImpactSystem) -> list[int]:
 
 def contacts_of_elements(system: ImpactSystem) -> list[int]:
     """Number of the contact that presses each element, -1 for all but friction of contacts."""
-    of_friction = [element.contact if element.is_tied else -1 for element in system.friction]
+    of_friction = [-1 if element.contact is None else element.contact for element in system.friction]
     return [-1] * len(system.stops) + of_friction + [-1] * len(system.hysteresis)
 
 

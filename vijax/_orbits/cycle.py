@@ -33,8 +33,8 @@ from .rigid_modes import closing_pin, of_positions
 from .sequence import NOTHING, Sequence, held_in
 from .switching_events import leading_zeros_of, switched_end, switched_instant, with_stretches_of
 
-# Duration, in forcing periods, below which a flight has none when residuals are divided by it.
-_MOMENT = 1e-12
+# MOMENT: duration, in forcing periods, below which a flight has none when residuals are divided by it.
+MOMENT = 1e-12
 # Share of a row along a shift that a cycle may progress by, above which that is pinned in place of its slider.
 _PINNED = 1e-9
 
@@ -395,7 +395,7 @@ def fly_to_event(
     if contacts.is_switching:
         gap = jnp.where(contacts.has_no_gap, 1, gap)
         after = switched_end(machine, end, gap, (event.kind, event.stop), event.mode_after)
-        divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < _MOMENT, _MOMENT, duration), 1)
+        divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < MOMENT, MOMENT, duration), 1)
         value = after.value / jnp.where(event.zeros == 2, divisor * divisor, divisor)
         value = jnp.where(event.kind == NOTHING, duration, value)
         z, gap = jnp.concatenate([after.x, after.v]), jax.lax.stop_gradient(after.gap)

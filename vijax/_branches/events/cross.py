@@ -6,6 +6,7 @@ a double root: such words are found with their letters a given time apart, see `
 """
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import islice, product
 
 import numpy as np
@@ -13,22 +14,14 @@ import numpy as np
 from ..._machine.switching import contacts_of_elements, kinds_of_elements
 from ..._orbits.sequence import SECOND, Sequence
 from ..._system.system import machine_of
-from ..behind_event import corrected_on_sequence
+from ..behind_event import corrected_on_sequence, step_off
 from ..kernels import padded
 from ..kinds import Kind
 from ..parameter_family import ParameterFamily
-from ..point import BranchPoint, DirectedBranch, at_parameter, corrected
+from ..point import BranchPoint, DirectedBranch, at_parameter
 from ..requests import HostCall, Requests, ask
 from ..test_functions import TestFunction, is_plastic, margins, test_slopes
-from ..tolerances import (
-    CORNER_SOLVED,
-    DOUBLE_ROOT,
-    MARGIN_ROUNDING,
-    SAME_CORNER,
-    STEP_OFF_CORNER,
-    STEPS_FROM_GUESS,
-    VANISHES_TOGETHER,
-)
+from ..tolerances import CORNER_SOLVED, DOUBLE_ROOT, SAME_CORNER, VANISHES_TOGETHER
 from .apart import apart
 from .corner import Corner, Instant, Trial, corner_of
 from .following import is_followed_behind, lowest_margin
@@ -51,7 +44,7 @@ def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Reque
         corner = corner_of(event, test, rounds, walk.num_periods)
         point = yield from _point_behind(corner)
         if point is not None:
-            walk.rounds = min(rounds, walk.rounds)
+            walk.rounds = rounds if rounds == walk.rounds else 1
             return point
     return None
 
@@ -99,8 +92,10 @@ def _acting(at: Instant, elements: Elements) -> tuple[int, ...]:
 
 def _alike(choices: list[list[Word]]) -> Iterator[tuple[Word, ...]]:
     """Choices of one word at each instant, with the same events: of several the same change at all."""
-    for own in dict.fromkeys(map(_events, choices[0])):
-        yield from product(*([word for word in words if _events(word) == own] for words in choices))
+    first, *others = choices
+    for word in first:
+        alike = ([other for other in words if _events(other) == _events(word)] for words in others)
+        yield from ((word, *rest) for rest in product(*alike))
 
 
 def _events(word: Word) -> tuple[int, ...]:
@@ -127,13 +122,20 @@ def _point_on(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
     at = yield from corrected_on_sequence(trial.sequence, trial.place, corner.event)
     if isinstance(at, BranchPoint) and _is_at_corner(at, trial):
         for is_ahead in (True, False) if _rises(at) else (False, True):
-            new = yield from _step_off(at, corner, trial, is_ahead=is_ahead)
+            new = yield from step_off(at, is_ahead, partial(_accepted, corner, trial))
             if new is not None and not _has_double_root(new, at, corner, trial):
                 return new
         own = _new_durations(corner, trial)
         if not np.any(np.abs(at.tangent.flights[own]) < SAME_CORNER):
             return None
     return (yield from apart(corner, trial))
+
+
+def _accepted(corner: Corner, trial: Trial, new: BranchPoint) -> Requests[BranchPoint | None]:
+    """A point behind a corner, if its margins are positive and the machine follows it; else None."""
+    if lowest_margin(new, corner, trial.words) < 0 or (yield from _is_way_back(new, corner, trial)):
+        return None
+    return (yield from is_followed_behind(new, corner.num_periods))
 
 
 def _is_at_corner(at: BranchPoint, trial: Trial) -> bool:
@@ -147,29 +149,6 @@ def _rises(at: BranchPoint) -> bool:
     values, slopes = margins(sequence, at.seen), test_slopes(sequence, at.seen)
     own = slopes[np.abs(values) < VANISHES_TOGETHER]
     return not len(own) or bool(own.min() > -own.max())
-
-
-def _step_off(
-    at: BranchPoint, corner: Corner, trial: Trial, *, is_ahead: bool
-) -> Requests[BranchPoint | None]:
-    """A point close behind a corner with positive margins that the machine follows; None if there is none."""
-    tangent = at.tangent if is_ahead else at.tangent.turned()
-    for ds in STEP_OFF_CORNER:
-        guess = at.place.moved(tangent, ds)
-        seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
-        new = BranchPoint.of(at.sequence, seen, at.arc + ds)
-        # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
-        if not seen.found.is_converged or new.place.distance(guess) > STEPS_FROM_GUESS * ds:
-            continue
-        least = lowest_margin(new, corner, trial.words)
-        if least < -MARGIN_ROUNDING or (yield from _is_way_back(new, corner, trial)):
-            return None
-        if least < 0:
-            continue
-        followed = yield from is_followed_behind(new, corner.num_periods)
-        if followed is not None:
-            return followed
-    return None
 
 
 def _is_way_back(point: BranchPoint, corner: Corner, trial: Trial) -> Requests[bool]:

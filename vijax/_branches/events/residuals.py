@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._orbits.cycle import residual
+from ..._orbits.cycle import MOMENT, residual
 from ..._orbits.sequence import Sequence
 from ..._orbits.switching_events import leading_zeros_of
 from ..kernels import padded, room_for
@@ -16,8 +16,6 @@ from ..requests import KernelCall, Requests, ask
 
 # ROWS: cycles of one call.
 ROWS = 32
-# periods: duration below which a flight has none when residuals are divided by it.
-_MOMENT = 1e-12
 
 
 def residuals(
@@ -36,7 +34,7 @@ def residuals(
         values = found.events
         if sequence.is_switching:
             order = leading_zeros_of(own, problem.machine.contacts.num_sliders)
-            values = values * jnp.maximum(jnp.abs(flights), _MOMENT) ** order
+            values = values * jnp.maximum(jnp.abs(flights), MOMENT) ** order
         closing = jnp.max(jnp.abs(found.closing / family.scale))
         return jnp.maximum(closing, jnp.max(jnp.abs(values), initial=0.0))
 
