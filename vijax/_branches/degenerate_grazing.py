@@ -49,7 +49,13 @@ def without_impacts(event: BranchPoint) -> Requests[BranchPoint | End | None]:
     sequence, place, found = event.sequence, event.place, event.seen.found
     _, velocities = np.split(np.abs(event.seen.start), 2)
     speeds = np.abs(found.speeds[: len(sequence.kind)])
-    if np.any(sequence.kind != IMPACT) or np.any(speeds > VANISHED_IMPACT * velocities.max()):
+    # Impacts at which friction turns leave turns behind.
+    is_one_mode = np.all(sequence.mode == sequence.mode[:1])
+    if (
+        np.any(sequence.kind != IMPACT)
+        or np.any(speeds > VANISHED_IMPACT * velocities.max())
+        or not is_one_mode
+    ):
         return None
     for k in range(len(sequence.kind))[::-1]:
         sequence, place = without_event(sequence, place, k)

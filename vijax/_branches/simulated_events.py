@@ -18,14 +18,23 @@ _MORE = 40, 200
 
 
 def continue_by_simulation(event: BranchPoint, num_periods: float) -> Requests[BranchPoint | End]:
-    """The cycle of the simulated machine a short way beside an event, in the direction of its tangent or back."""
+    """The point a short way ahead, with the events of the simulated machine."""
     # The events of a run are between start and end of the cycle: so are those with which they are compared.
     within = yield from in_section(event, num_periods)
     event = within if isinstance(within, BranchPoint) else event
-    ahead = float(np.sign(event.tangent.p)) or 1.0
-    for dp in TRIALS_AHEAD:
-        for side in (ahead, -ahead):
-            new = yield from _at_parameter_beside(event, side * dp)
+    for ds in TRIALS_AHEAD:
+        guess = event.place.moved(event.tangent, ds)
+        followed = yield from _followed(event.sequence, guess)
+        new = yield from _on_simulated_events(event._replace(place=guess), followed)
+        if are_alike(new.sequence, event.sequence):
+            continue  # the event is still ahead
+        is_near = np.abs(new.place.z - guess.z).max() < 10 * ds and keeps_margins(event, new)
+        if is_near and (yield from is_followed(new)) and (yield from is_joined(event, new)):
+            return new._replace(kind="", arc=event.arc + ds)
+    # Behind a kink the branch may not come to these planes.
+    for ds in TRIALS_AHEAD:
+        for side in (1, -1):
+            new = yield from _at_parameter_beside(event, side * ds)
             if new is not None:
                 return new
     return End(public_kind(event.kind))

@@ -20,8 +20,8 @@ from ..kinds import Kind
 from ..parameter_family import ParameterFamily
 from ..point import BranchPoint, DirectedBranch, at_parameter
 from ..requests import HostCall, Requests, ask
-from ..test_functions import TestFunction, is_plastic, margins, test_slopes
-from ..tolerances import CORNER_SOLVED, DOUBLE_ROOT, SAME_CORNER, VANISHES_TOGETHER
+from ..test_functions import TestFunction, is_plastic, margins, test_slopes, tests_of
+from ..tolerances import CORNER_SOLVED, DOUBLE_ROOT, NEGATIVE, SAME_CORNER, VANISHES_TOGETHER
 from .apart import apart
 from .corner import Corner, Instant, Trial, corner_of
 from .following import is_followed_behind, lowest_margin
@@ -164,7 +164,7 @@ def _is_way_back(point: BranchPoint, corner: Corner, trial: Trial) -> Requests[b
     seen = yield from at_parameter(event.sequence, point.place, float(point.place.p))
     old = BranchPoint.of(event.sequence, seen, event.arc)
     is_same = seen.found.is_converged and np.abs(old.place.z - point.place.z).max() < SAME_CORNER
-    return bool(is_same) and lowest_margin(old, corner, before) >= 0
+    return bool(is_same) and all(test.of(seen) > -NEGATIVE for test in tests_of(event.sequence))
 
 
 def _new_durations(corner: Corner, trial: Trial) -> list[int]:
