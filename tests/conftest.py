@@ -3,6 +3,7 @@
 import gc
 import os
 import sys
+import zlib
 from collections.abc import Iterator
 from importlib.metadata import version
 
@@ -26,13 +27,13 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-# Before anything imports vijax, so that beartype also checks calls inside the package, in one parameter set of each test: to
-# check all takes a quarter of the time, and the sets of a test call the same functions. `VIJAX_CALLS_CHECKED=all` checks all
-# sets, as the nightly run does; `VIJAX_CALLS_UNCHECKED=1` none, where other tests call the same functions.
-_ALL_SETS = os.environ.get("VIJAX_CALLS_CHECKED") == "all"
+# Before anything imports vijax, so that beartype also checks calls inside the package. To check all takes half as long again,
+# and tests call the same functions: checked are the first parameter sets of one test in four, chosen by their names.
+# `VIJAX_CALLS_CHECKED=all` checks all, as the nightly run does; `VIJAX_CALLS_UNCHECKED=1` none.
+_ALL_CHECKED = os.environ.get("VIJAX_CALLS_CHECKED") == "all"
 if not os.environ.get("VIJAX_CALLS_UNCHECKED"):
     jaxtyping.install_import_hook("vijax", "beartype.beartype")
-_checked: set[str] = set()
+_started: set[str] = set()
 
 pytest.register_assert_rewrite("helpers", "outputs")
 
@@ -56,10 +57,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Check annotations in the first parameter set of a test."""
+    """Check annotations in the first parameter set of one test in four."""
     function = item.nodeid.partition("[")[0]
-    jaxtyping.config.update("jaxtyping_disable", function in _checked and not _ALL_SETS)
-    _checked.add(function)
+    is_checked = function not in _started and zlib.crc32(function.encode()) % 4 == 0
+    jaxtyping.config.update("jaxtyping_disable", not (is_checked or _ALL_CHECKED))
+    _started.add(function)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -72,6 +72,21 @@ def test_the_film_of_the_page_has_the_rectangles_of_the_drawing():
         assert inner[0] + inner[2] < outer[0] + outer[2]
 
 
+def test_arrows_of_loads_in_the_film_have_heads_that_point_along_the_load():
+    pytest.importorskip("panel")
+    from vijax.studio.drawing.canvas import LOAD
+    from vijax.studio.explorer.film import frames_of
+
+    film = frames_of(shown(vx.models.wagg_bishop_a(1.0), 3.0))
+    for over in np.array(film["over"], dtype=float):
+        x, y = over[:, np.abs(over[1] - LOAD) < 0.1]  # root and end of the arrow, and the three points of its head
+        assert x.shape == (5,)
+        assert x[3] == x[1]
+        assert x[2] == x[4]
+        assert y[2] - LOAD == pytest.approx(LOAD - y[4])
+        assert np.sign(x[3] - x[2]) == np.sign(x[1] - x[0])
+
+
 @pytest.mark.thorough
 def test_the_motion_of_a_point_is_that_of_the_sweep(sweep):
     found = motion_at(sweep, {FREQUENCY: 1.25})

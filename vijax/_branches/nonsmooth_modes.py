@@ -6,7 +6,8 @@ the family is a branch of self-excited cycles, followed by the same walk as all 
 make its equations singular, as the damper takes the place of the direction that it stands for.
 
 Below the energy at which it first touches a stop a family is a mode of the linear machine, in closed form. The first point beyond is
-corrected from a run of the machine at a slightly larger amplitude.
+corrected from a run of the machine at a slightly larger amplitude. A mode with a symmetry of the machine may touch several stops at
+once; it is followed as that of a smaller machine, see `symmetric_subspace.py`.
 """
 
 from collections.abc import Sequence
@@ -36,6 +37,7 @@ from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch, PlainPoint, corrected, is_followed
 from .requests import Requests, ask, simulation_from
 from .scheduler import drive
+from .symmetric_subspace import Subspace, multipliers_of_whole, symmetric_subspace
 from .tolerances import MODE_ON_CIRCLE, ORBIT_AT, TRIALS_BEYOND_TOUCH
 
 # Room for the events of the first orbit.
@@ -92,7 +94,8 @@ def nonsmooth_modes(
         A dataset along `point`, family after family, each from rest on: `mode`, `energy`, `period`, `frequency` (angular),
         `x0` and `v0` (mass,), a state of the motion, `multipliers` (two are 1), `is_stable` (none is larger), `num_impacts` (stop,) of a
         period, `residual`, and `bifurcation`, "gr" where the events change. Attribute `ends`: why each family ends, "energy", or
-        as for `vx.continuation`, or "several_impacts" where a mode touches several stops at once and is not followed.
+        as for `vx.continuation`. A mode that touches several stops at once goes on with them where a symmetry of the machine keeps
+        it; others end there, "several_impacts". Multipliers are those of the whole machine, NaN at a grazing of several stops.
 
     Raises:
         ValueError: for a machine that loses or gains energy, touches a stop at rest, or has another form; or if 64-bit numbers are off.
@@ -167,12 +170,27 @@ def _family(
     linear = _linear_part(system, mode, modes, min(mode.touch, reached))
     if mode.touch >= reached:
         return linear, "energy"
+    symmetric = symmetric_subspace(system, mode.shape)
+    if symmetric is None:
+        beyond, end = _beyond(system, mode, highest, most, bar)
+    else:
+        own = mode._replace(shape=symmetric.basis.T @ mode.shape)
+        beyond, end = _beyond(symmetric.system, own, highest, most, bar)
+        beyond = None if beyond is None else _of_whole(beyond, system, symmetric)
+    parts = [linear] if beyond is None else [linear, beyond]
+    return xr.concat(parts, "point", join="outer", data_vars="all"), end
+
+
+def _beyond(
+    system: ImpactSystem, mode: _Mode, highest: float, most: int, bar: tqdm
+) -> tuple[xr.Dataset | None, str]:
+    """The part of a family beyond its first touch, and why it ends."""
     if _touches_several(system, mode):
-        return linear, "several_impacts"
+        return None, "several_impacts"
     family = _parameter_family(system, mode)
     (start,) = drive([family], [_first_beyond(family, system, mode)], lambda: None)
     if start is None:
-        return linear, "not_converged"
+        return None, "not_converged"
     walk = DirectedBranch(family.last_phase, (-1.0, 1.0), most)
     start = start if _leaves_touch(start) else start.turned()
     seen = 0
@@ -189,7 +207,22 @@ def _family(
     end = "energy" if walk.last is not None else str(walk.end)
     points = branch_of(family, start, DirectedBranch(walk.num_periods, walk.bounds, 0), walk).points
     energies = [_energy_of(system, point) for point in [start, *walk.all_points()]]
-    return xr.concat([linear, _columns(points, energies)], "point", join="outer", data_vars="all"), end
+    return _columns(points, energies), end
+
+
+def _of_whole(beyond: xr.Dataset, system: ImpactSystem, symmetric: Subspace) -> xr.Dataset:
+    """Points of the whole machine from those of the smaller one that its symmetric motions make."""
+    x, v = (symmetric.states(beyond[name].values) for name in ("x0", "v0"))
+    multipliers = multipliers_of_whole(system, beyond["period"].values, x, v)
+    counts = symmetric.counts(beyond["num_impacts"].values)
+    kept = beyond.drop_vars(["x0", "v0", "multipliers", "num_impacts", "is_stable"])
+    return kept.assign(
+        x0=(("point", "mass"), x),
+        v0=(("point", "mass"), v),
+        multipliers=(("point", "multiplier"), multipliers),
+        is_stable=("point", _are_on_circle(multipliers)),
+        num_impacts=(("point", "stop"), counts),
+    )
 
 
 def _linear_part(system: ImpactSystem, mode: _Mode, modes: list[_Mode], last: float) -> xr.Dataset:
@@ -220,16 +253,20 @@ def _linear_part(system: ImpactSystem, mode: _Mode, modes: list[_Mode], last: fl
 
 def _columns(points: xr.Dataset, energies: list[float]) -> xr.Dataset:
     """Points beyond the touch, with the columns of those before it."""
-    multipliers = points["multipliers"].values
-    finite = np.where(np.isfinite(multipliers), np.abs(multipliers), np.inf)
     kept = points[["period", "x0", "v0", "multipliers", "num_impacts", "residual", "bifurcation"]].drop_vars(
         [points.attrs["path"]], errors="ignore"
     )
     return kept.assign(
         energy=("point", np.array(energies)),
         frequency=("point", 2 * np.pi / points["period"].values),
-        is_stable=("point", (finite < 1 + MODE_ON_CIRCLE).all(axis=1)),
+        is_stable=("point", _are_on_circle(points["multipliers"].values)),
     ).drop_attrs()
+
+
+def _are_on_circle(multipliers: np.ndarray) -> Any:
+    """True where no multiplier lies outside of the unit circle."""
+    finite = np.where(np.isfinite(multipliers), np.abs(multipliers), np.inf)
+    return (finite < 1 + MODE_ON_CIRCLE).all(axis=1)
 
 
 def _touches_several(system: ImpactSystem, mode: _Mode) -> bool:
@@ -277,8 +314,10 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) ->
         if not 0 < count < _ROOM:
             continue
         sequence = trimmed(followed.sequence, count)
+        flights = np.array(followed.flights[:count])
+        flights[0] = _first_flight(system, mode, 1 + more, np.asarray(followed.z))
         z = _as_reversible(system, np.asarray(followed.z), int(sequence.stop[-1]))
-        place = trimmed(ExtendedCycle(z, followed.flights, np.asarray(0.0)), count)
+        place = ExtendedCycle(z, flights, np.asarray(0.0))
         # The velocity after the event is kept: the family goes on behind the touch to orbits that no machine follows.
         velocity = np.where(np.arange(len(place.z)) < len(fast), 0, place.z)
         weights = ExtendedCycle(velocity / np.linalg.norm(velocity), 0 * place.flights, np.asarray(0.0))
@@ -288,6 +327,29 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) ->
         if is_family and (yield from is_followed(point)):
             return point
     return None
+
+
+def _first_flight(system: ImpactSystem, mode: _Mode, beyond: float, z: np.ndarray) -> float:
+    """Duration of the first flight of a cycle, in periods of the linear mode: from its last event to its first.
+
+    That is the time from the last event to the middle of the swing, by the mode alone, and from there to the first touch. A
+    run over the period of the linear mode is too long by what each contact cuts off: with that much, Newton's method may
+    find a cycle that arrives at the stops from behind.
+
+    Args:
+        system: the machine.
+        mode: the mode.
+        beyond: amplitude, as a multiple of that of the touch.
+        z: state after the last event, scaled.
+    """
+    amplitude = mode.touch * beyond
+    until = min(
+        np.arcsin(touch / amplitude) + (0 if is_ahead else np.pi)
+        for is_ahead, touch in _touches(system, mode.shape)
+        if touch < amplitude
+    )
+    x, v = (mode.shape @ mass_matrix(system.mass) @ a for a in np.split(z, 2))
+    return float((until - np.arctan2(x, v)) % (2 * np.pi) / (2 * np.pi))
 
 
 def _as_reversible(system: ImpactSystem, z: np.ndarray, stop: int) -> np.ndarray:

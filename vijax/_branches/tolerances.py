@@ -204,6 +204,8 @@ LEFT_ORBIT = 1e-6
 MATRIX_ROUNDING = 1e-12
 # share: amplitudes beyond that of the first touch, at which a family is taken up behind it; the first that succeeds counts.
 TRIALS_BEYOND_TOUCH = 1e-3, 1e-2, 5e-2
+# share: distance of two shapes, or of two stops as a symmetric motion meets them, below which they are the same.
+SAME_SHAPE = 1e-9
 # multiplier: distance of a modulus from 1 at which rounding decides: of the double multiplier 1 half the digits are left.
 MODE_ON_CIRCLE = 1e-6
 

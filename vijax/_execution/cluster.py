@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from .._flow.interface import AbstractFlow
+from .._system.shared_records import SharedRecords
 from .points import LaneInput
 from .runner import AbstractRunner, Counts, PointResults, join_results
 from .settings import ExecutionSettings
@@ -75,7 +76,14 @@ def choose_runner(
 def part_of(numbers: Any, which: np.ndarray) -> Any:
     """Numbers of some points, lanes last. A single point is doubled: an axis of length one means shared by all."""
     index = which.ravel() if which.size > 1 else np.repeat(which, 2)
-    return jax.tree.map(lambda a: a if a.shape[-1] == 1 else a[..., index], numbers)
+    is_shared = lambda a: isinstance(a, SharedRecords)  # noqa: E731
+
+    def own(a: Any) -> Any:
+        if is_shared(a):
+            return a.at(index)
+        return a if a.shape[-1] == 1 else a[..., index]
+
+    return jax.tree.map(own, numbers, is_leaf=is_shared)
 
 
 def _run_part(points: LaneInput, shape: tuple[int, ...], runner: Threads) -> PointResults:

@@ -76,7 +76,7 @@ def flow_map_across_knots(
 def _within_turn(flow: AbstractFlow, machine: Machine, state: State, hold: Held, span: Scalar) -> _Piece:
     """Motion over less than a turn."""
     assert machine.tables is not None
-    count = sum(len(stream.starts) for stream in machine.tables.streams) + 1
+    count = sum(stream.size for stream in machine.tables.streams) + 1
     nothing = jnp.zeros_like(state.x)
     start = _Piece(span, state, nothing, nothing)
     end, _ = jax.lax.scan(

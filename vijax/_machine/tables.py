@@ -22,9 +22,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Flag, Reals, Scalar, add_up, array_namespace, stack
+from .._system.shared_records import SharedRecords
 from .._system.system import ImpactSystem
 from .._system.tabulated import Tabulated, Waveform
 from .turns import Turns
+
+# Kinds of loads by tables.
+_BY_TABLES = (Tabulated, Waveform, SharedRecords)
 
 
 class TableNumbers(eqx.Module):
@@ -37,6 +41,8 @@ class TableNumbers(eqx.Module):
         count: number of rows of a wave form, after which the first follows; of a table in time, that of all rows.
         frequency: angular frequency of a wave form that counts its own periods; None of others.
         is_wave: whether it is a wave form.
+        size: number of rows of a table. Where lanes share several, these stand one after another.
+        number: number of the table of each lane, (...); None where there is one for all, or one for each.
     """
 
     knots: Reals
@@ -44,6 +50,8 @@ class TableNumbers(eqx.Module):
     count: Reals
     frequency: Reals | None
     is_wave: bool = eqx.field(static=True)
+    size: int = eqx.field(static=True)
+    number: Reals | None = None
 
     @property
     def is_in_step(self) -> bool:
@@ -53,17 +61,36 @@ class TableNumbers(eqx.Module):
 
 def is_by_tables(system: ImpactSystem) -> bool:
     """True where a load of a machine is given by a table."""
-    return any(isinstance(load, Tabulated | Waveform) for load in system.forcing.loads)
+    return any(isinstance(load, _BY_TABLES) for load in system.forcing.loads)
 
 
 def tables_of(system: ImpactSystem) -> tuple[TableNumbers, ...] | None:
     """Numbers of all loads by tables; None if there are none."""
-    loads = [load for load in system.forcing.loads if isinstance(load, Tabulated | Waveform)]
+    loads = [load for load in system.forcing.loads if isinstance(load, _BY_TABLES)]
     if not loads:
         return None
     orders = 4 if any(load.kind == "cubic" for load in loads) else 2
     is_own = system.forcing.why_not_periodic
-    return tuple(_numbers_of(load, orders, system.forcing.clock, is_own=bool(is_own)) for load in loads)
+    return tuple(
+        _one_after_another(load, orders)
+        if isinstance(load, SharedRecords)
+        else _numbers_of(load, orders, system.forcing.clock, is_own=bool(is_own))
+        for load in loads
+    )
+
+
+def _one_after_another(load: SharedRecords, orders: int) -> TableNumbers:
+    """Tables that lanes share, padded to a power of two."""
+    of_each = _numbers_of(load.tables, orders, load.frequency, is_own=True)
+    count = of_each.rows.shape[-1]
+    which = np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1)
+
+    def stacked(a: Reals) -> np.ndarray:
+        own = np.broadcast_to(a, (*a.shape[:-1], count))[..., which]
+        return np.moveaxis(own, -1, 0).reshape(-1, *a.shape[1:-1], 1)
+
+    knots, rows = stacked(of_each.knots), stacked(of_each.rows)
+    return TableNumbers(knots, rows, of_each.count, None, False, of_each.size, load.number)
 
 
 def _numbers_of(load: Tabulated | Waveform, orders: int, clock: Reals, *, is_own: bool) -> TableNumbers:
@@ -87,6 +114,7 @@ def _numbers_of(load: Tabulated | Waveform, orders: int, clock: Reals, *, is_own
         count=np.full([1] * (knots.ndim - 1), count if is_wave else size, knots.dtype),
         frequency=load.frequency if has_frequency else None,
         is_wave=is_wave,
+        size=size,
     )
 
 
@@ -130,7 +158,9 @@ class Stream(eqx.Module):
         knots: times at which rows begin, or phases of a wave form, (rows, ...).
         frequency: angular frequency of a wave form; None of a table in time.
         is_in_step: whether it begins anew with each forcing period.
+        size: number of rows of a table, see `TableNumbers`.
         turns: its turns in a forcing period; None of a table in time, and of one that is in step.
+        number: number of the table of each lane, (...); None where there is one for all, or one for each.
     """
 
     starts: Float[Array, "rows ..."]
@@ -140,15 +170,29 @@ class Stream(eqx.Module):
     knots: Float[Array, "rows ..."]
     frequency: Scalar | None
     is_in_step: bool = eqx.field(static=True)
+    size: int = eqx.field(static=True)
     turns: Turns | None = None
+    number: Int[Array, "..."] | None = None
 
     @property
     def _bits(self) -> int:
-        return len(self.starts).bit_length() - 1
+        return self.size.bit_length() - 1
 
     def row(self, passed: Int[Array, "..."]) -> Int[Array, "..."]:
         """Row of a place."""
-        return passed & (len(self.starts) - 1)
+        return passed & (self.size - 1)
+
+    def derivatives(self, passed: Int[Array, "..."]) -> Float[Array, "orders n ..."]:
+        """Derivatives of the load by time where the row of a place begins."""
+        return self._at(self.rows, self.row(passed))
+
+    def bounds(self) -> Float[Array, "orders n ..."]:
+        """Largest derivatives of the load where rows begin."""
+        sizes = jnp.abs(self.rows)
+        if self.number is None:
+            return jnp.max(sizes, axis=0)
+        largest = jnp.max(sizes.reshape(-1, self.size, *sizes.shape[1:]), axis=1)
+        return row_at(largest, self.number)
 
     def following(self, passed: Int[Array, "..."]) -> Int[Array, "..."]:
         """The place after the next knot."""
@@ -163,7 +207,7 @@ class Stream(eqx.Module):
 
     def start(self, passed: Int[Array, "..."]) -> Scalar:
         """Time at which the row of a place begins."""
-        return row_at(self.starts, self.row(passed)) + (passed >> self._bits) * self.turn
+        return self._at(self.starts, self.row(passed)) + (passed >> self._bits) * self.turn
 
     def start_in_period(
         self, passed: Int[Array, "..."], periods: Int[Array, "..."], elapsed: Scalar
@@ -175,28 +219,37 @@ class Stream(eqx.Module):
             return self.start(passed) - elapsed
         whole, rest = self.turns.in_periods(periods)
         ahead = ((passed >> self._bits) - whole) - rest
-        return row_at(self.starts, self.row(passed)) + ahead * self.turn
+        return self._at(self.starts, self.row(passed)) + ahead * self.turn
 
     def place_at(self, t: Scalar, origin: Scalar) -> tuple[Int[Array, "..."], Float[Array, "orders n ..."]]:
         """Place at a time, and derivatives of the load there; `origin` is the beginning of the trajectory."""
         if self.frequency is None:
-            row = jnp.maximum(_rows_until(self.knots, t) - 1, 0)
-            return row, shifted(row_at(self.rows, row), t - row_at(self.knots, row))
+            row = jnp.maximum(self._rows_until(t) - 1, 0)
+            return row, shifted(self._at(self.rows, row), t - self._at(self.knots, row))
         angle = self.frequency * t
         turns = jnp.floor(angle / (2 * jnp.pi))
         rest = angle - turns * 2 * jnp.pi
-        row = _rows_until(self.knots, rest) - 1
+        row = self._rows_until(rest) - 1
         is_before = row < 0
         row = jnp.where(is_before, self.count - 1, row)
-        since = rest - row_at(self.knots, row) + 2 * jnp.pi * is_before
+        since = rest - self._at(self.knots, row) + 2 * jnp.pi * is_before
         own = turns - jnp.floor(self.frequency * origin / (2 * jnp.pi)) - is_before
         passed = (own.astype(row.dtype) << self._bits) + row
-        return passed, shifted(row_at(self.rows, row), since / self.frequency)
+        return passed, shifted(self._at(self.rows, row), since / self.frequency)
 
+    def _at(self, rows: Float[Array, "rows ..."], row: Int[Array, "..."]) -> Array:
+        """Numbers of a row of the table."""
+        return row_at(rows, row if self.number is None else self.number * self.size + row)
 
-def _rows_until(knots: Float[Array, "rows ..."], t: Scalar) -> Int[Array, "..."]:
-    """Number of knots that are not after a time."""
-    return jnp.sum(knots <= t[None], axis=0)
+    def _rows_until(self, t: Scalar) -> Int[Array, "..."]:
+        """Number of knots that are not after a time."""
+        if self.number is None:
+            return jnp.sum(self.knots <= t[None], axis=0)
+        row = jnp.zeros_like(self.number)
+        for k in range(self._bits - 1, -1, -1):  # the last knot is infinite
+            ahead = row + (1 << k)
+            row = jnp.where(self._at(self.knots, ahead - 1) <= t, ahead, row)
+        return row
 
 
 def row_at(rows: Array, which: Int[Array, "..."]) -> Array:
@@ -297,7 +350,7 @@ class Tables(eqx.Module):
     ) -> tuple[Knots, Float[Array, "2 columns ..."]]:
         """Places and columns of the phase after the next knot of the flagged tables."""
         passed = [s.following(p) for s, p in zip(self.streams, knots.passed, strict=True)]
-        rows = [row_at(s.rows, s.row(p)) for s, p in zip(self.streams, passed, strict=True)]
+        rows = [s.derivatives(p) for s, p in zip(self.streams, passed, strict=True)]
         return self._chosen(knots, columns, at, (jnp.stack(passed), _columns(rows)))
 
     def before(
@@ -309,7 +362,7 @@ class Tables(eqx.Module):
             last = stream.preceding(p)
             passed.append(last)
             width = stream.start(p) - stream.start(last)
-            rows.append(shifted(row_at(stream.rows, stream.row(last)), width))
+            rows.append(shifted(stream.derivatives(last), width))
         return self._chosen(knots, columns, at, (jnp.stack(passed), _columns(rows)))
 
     def _chosen(
@@ -368,14 +421,16 @@ def prepare_tables(
     in_step = tuple(stream.is_in_step for stream in streams)
     width = columns.shape[1] // len(streams)
     layout = KnotsLayout.of(in_step, num_harmonics, width)
-    bounds = add_up([jnp.max(jnp.abs(stream.rows), axis=0) for stream in streams])
+    bounds = add_up([stream.bounds() for stream in streams])
     return Tables(streams, origin, Knots(passed, passed, *layout), columns, bounds)
 
 
 def _stream(numbers: TableNumbers, origin: Scalar, clock: Scalar) -> Stream:
     knots, rows, count = numbers.knots, numbers.rows, numbers.count.astype(int)
     if not numbers.is_wave:
-        return Stream(knots - origin[None], rows, count, jnp.zeros_like(knots[0]), knots, None, False)
+        own = None if numbers.number is None else numbers.number.astype(int)
+        starts, turn = knots - origin[None], jnp.zeros_like(knots[0])
+        return Stream(starts, rows, count, turn, knots, None, False, numbers.size, number=own)
     frequency = clock if numbers.frequency is None else numbers.frequency
     angle = frequency * origin
     begin = angle - 2 * jnp.pi * jnp.floor(angle / (2 * jnp.pi))
@@ -383,5 +438,13 @@ def _stream(numbers: TableNumbers, origin: Scalar, clock: Scalar) -> Stream:
     starts = (knots - begin[None]) / frequency[None]
     turns = None if numbers.is_in_step else Turns.of(frequency, clock)
     return Stream(
-        starts, rows * scales, count, 2 * jnp.pi / frequency, knots, frequency, numbers.is_in_step, turns
+        starts,
+        rows * scales,
+        count,
+        2 * jnp.pi / frequency,
+        knots,
+        frequency,
+        numbers.is_in_step,
+        numbers.size,
+        turns,
     )

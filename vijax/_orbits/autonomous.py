@@ -77,7 +77,7 @@ def is_undriven(system: ImpactSystem) -> bool:
     return frequency is not None and not frequency > 0
 
 
-def with_unit(system: ImpactSystem, unit: float) -> ImpactSystem:
+def with_unit(system: ImpactSystem, unit: float | Array) -> ImpactSystem:
     """A machine that nothing drives with a forcing period all the same, the unit of time of its equations."""
     constant = sum(
         load.mean + jnp.sum((load.amplitude * jnp.cos(load.phase)).reshape(-1, len(load.mean)), axis=0)

@@ -51,8 +51,9 @@ def grid_points(
     dtype = base.system.mass.dtype
     grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
     grid = np.tile(grid, 2 if twice else 1)
-    swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
-    points = points_of_lanes(base, swept, counts_periods=counts_periods)
+    values = {path: axis.astype(dtype) for path, axis in axes.items()}
+    places = dict(zip(axes, grid, strict=True))
+    points = points_of_lanes(base, values, places, counts_periods=counts_periods)
     points = jax.tree.map(lambda a: np.asarray(a, dtype), points)
     for path in axes:
         check_column(path)

@@ -110,7 +110,12 @@ class FamilyProgram:
         return found
 
     def machines(
-        self, machine: ImpactSystem, numbers: tuple[Any, ...], lanes: Mapping[int, np.ndarray]
+        self,
+        machine: ImpactSystem,
+        numbers: tuple[Any, ...],
+        lanes: Mapping[int, np.ndarray],
+        *,
+        without: Collection[int] = (),
     ) -> ImpactSystem:
         """Machines in lanes, their forces bound: NumPy arrays, lanes last.
 
@@ -118,11 +123,12 @@ class FamilyProgram:
             machine: the machine at the numbers, its force bound.
             numbers: all numbers, concrete.
             lanes: by their places the numbers that move, with lanes as last axis.
+            without: places of leaves that are not computed.
 
         Returns:
-            The machines; leaves that no number that moves reaches are those of `machine`, with a single lane.
+            The machines; leaves that no number that moves reaches, and those not computed, are those of `machine`, with a single lane.
         """
-        flags = self.reached_by(lanes)
+        flags = tuple(flag and k not in without for k, flag in enumerate(self.reached_by(lanes)))
         shared, structure = jax.tree.flatten(machine)
         moved = [np.moveaxis(np.asarray(lanes[k]), -1, 0) for k in sorted(lanes)]
         fixed = [np.asarray(a) for k, a in enumerate(numbers) if k not in lanes]

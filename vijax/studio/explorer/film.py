@@ -26,6 +26,9 @@ FRAMES = 80
 _DIGITS = 3
 # Lines of a higher order are drawn over the boxes.
 _BOXES = 3.0
+# Heads of arrows, by the markers that draw them in a figure: three points, the middle one is the tip.
+_HEAD = 0.1 * np.array([[-1.0, 0.6], [0.0, 0.0], [-1.0, -0.6]])
+_HEADS = {">": _HEAD, "<": -_HEAD, "^": _HEAD[:, ::-1], "v": -_HEAD[:, ::-1]}
 
 
 class MachineFilm(JSComponent):
@@ -58,8 +61,7 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
     scheme, poses, _ = poses_of_solution(sol, times)
     canvas = Canvas(Figure(figsize=(8, 2)).subplots(), scheme.positive)
     drawing = draw(canvas.ax, scheme, poses[0], None, {}, positive=canvas.positive, fits_axes=False)
-    lines = [line for line in canvas.ax.lines if line.get_linestyle() != "None"]
-    split = [[line for line in lines if (line.get_zorder() > _BOXES) is over] for over in (False, True)]
+    split = [[line for line in canvas.ax.lines if (line.get_zorder() > _BOXES) is over] for over in (False, True)]
     parts = [patch for patch in canvas.ax.patches if isinstance(patch, Rectangle)]
     parts = sorted(parts, key=lambda part: part.get_zorder())
     names = canvas.ax.texts[: scheme.num_masses]  # the numbers in the boxes come first
@@ -87,10 +89,20 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
 
 
 def _joined(canvas: Canvas, lines: list[Line2D]) -> np.ndarray:
-    """Points of lines in the picture, each followed by NaN, (2, points)."""
+    """Points of lines and of heads of arrows in the picture, each followed by NaN, (2, points)."""
     gap = np.full((1, 2), np.nan)
-    points = [part for line in lines for part in (canvas.turned.transform(line.get_xydata()), gap)]
+    points = [part for line in lines for stroke in _strokes(canvas, line) for part in (stroke, gap)]
     return np.concatenate([np.empty((0, 2)), *points]).T
+
+
+def _strokes(canvas: Canvas, line: Line2D) -> list[np.ndarray]:
+    """The line in the picture, and the heads of arrows among its points, (points, 2) each."""
+    points = canvas.turned.transform(line.get_xydata())
+    strokes = [] if line.get_linestyle() == "None" else [points]
+    head, ends = _HEADS.get(line.get_marker()), line.get_markevery()
+    if head is not None:
+        strokes += [end + head for end in (points if ends is None else points[ends])]
+    return strokes
 
 
 def _bounds(canvas: Canvas, part: Rectangle) -> np.ndarray:
