@@ -26,6 +26,7 @@ from benchmarks import (
     cluster,
     contacts,
     convergence,
+    families,
     first,
     friction,
     many,
@@ -44,7 +45,7 @@ PARTS = {
         sizes.masses, sizes.stops, first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
         branches.branches, closed_form.closed_form, attractors.exponents, attractors.basins, contacts.contacts,
         friction.friction_sweeps, friction.friction_precision, convergence.convergence,
-        convergence.batch_cost, cluster.executors, accelerator.accelerator,
+        convergence.batch_cost, families.families, families.records, cluster.executors, accelerator.accelerator,
     )
 }  # fmt: skip
 

@@ -178,7 +178,7 @@ class Run:
         starts = [s.start for s in bodies.sliders]
         self.y = np.concatenate([np.asarray(x0, float), np.asarray(v0, float), starts, [1.0, 0.0, 1.0]])
         self.t, self.events, self.log, self._flows, self.recent = 0.0, 0, [], {}, []
-        self.modes = None
+        self.modes, self.alternatives = None, 0
         self._settle()
 
     x = property(lambda self: self.y[: self.n])
@@ -234,6 +234,22 @@ class Run:
         if self.modes is not None and new != self.modes:
             self.log.append((self.t, self.modes, new))
         self.modes = new
+        self.alternatives += len(best) > 1
+        self._bring_to_rest()
+
+    def _bring_to_rest(self):
+        """Take the rounding errors from the gaps and speeds of what rests."""
+        contacts, friction, _ = self.split(self.modes)
+        pairs = zip(self.bodies.contacts, contacts, strict=True)
+        held = [c for c, mode in pairs if isinstance(c, Rigid) and mode == "held"]
+        stuck = [f for f, mode in zip(self.bodies.friction, friction, strict=True) if mode == "stick"]
+        gaps = [(c.row, c.position) for c in held]
+        speeds = [(c.row, 0.0) for c in held] + [(f.row, f.velocity) for f in stuck]
+        for at, wanted in ((0, gaps), (self.n, speeds)):
+            if wanted:
+                rows, values = np.array([row for row, _ in wanted]), np.array([value for _, value in wanted])
+                part = self.y[at : at + self.n]
+                part += np.linalg.lstsq(rows, values - rows @ part, rcond=1e-10)[0]
 
     def _kept(self, modes) -> int:
         """Number of elements within their bounds that keep their mode: what is beyond them lets go."""

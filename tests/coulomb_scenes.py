@@ -137,7 +137,60 @@ def full(rng: np.random.Generator) -> Scene:
     return bodies, np.zeros(3), rng.normal(size=3) * of(0.0, 0.5)
 
 
-SCENES = {"block": block, "feet": feet, "stack": stack, "corner": corner, "mixed": mixed, "full": full}
+def at_its_limit(rng: np.random.Generator) -> Scene:
+    """A block with two equal elements of friction, whose load reaches their grip, alone or together, and no more."""
+    of = lambda *numbers: _one_of(rng, *numbers)  # noqa: E731
+    mu, (floor, tangent) = of(0.25, 0.5), _rows([0, -1], [1, 0])
+    contacts = [Rigid(floor, 0.0, of(0.0, 0.5, 1.0))]
+    friction = [_rubs(tangent, of(0.0, 0.0, 0.25), (mu / 2, mu / 2, 0), (mu / 2, mu / 2, 0))]
+    mean, amplitude = (
+        np.array([of(mu, -mu, 0.0, mu / 2), -1.0]),
+        np.array([of(0.0, mu, mu / 2), of(0.0, 0.5, 1.5)]),
+    )
+    stiffness, phase = (
+        np.diag([of(0.0, 0.5, 1.0), 0.0]),
+        np.array([of(0.0, np.pi, np.pi / 2), of(0.0, np.pi)]),
+    )
+    bodies = Bodies(
+        np.eye(2), 0 * stiffness, stiffness, mean, amplitude, phase, of(1.0, 0.5), contacts, friction
+    )
+    return bodies, np.array([of(0.0, mu, -mu, 1.0), of(0.0, 0.0, 0.5)]), np.array([of(0.0, 0.0, 0.5), 0.0])
+
+
+def weightless(rng: np.random.Generator) -> Scene:
+    """A block whose weight vanishes at an instant, on a rigid floor."""
+    of = lambda *numbers: _one_of(rng, *numbers)  # noqa: E731
+    mu, (floor, tangent) = of(0.0, 0.25, 0.5), _rows([0, -1], [1, 0])
+    contacts = [Rigid(floor, 0.0, of(0.0, 0.5, 1.0))]
+    friction = [_rubs(tangent, of(0.0, 0.0, 0.25), (mu, mu, 0))]
+    mean, amplitude = np.array([of(0.0, mu / 2), -1.0]), np.array([of(0.0, mu, 1.0), 1.0])
+    phase = np.array([of(0.0, np.pi, np.pi / 2), of(0.0, np.pi, np.pi / 2, -np.pi / 2)])
+    stiffness, frequency = np.diag([of(0.0, 0.5, 1.0), of(0.0, 0.0, 1.0)]), of(0.5, 1.0, 2.0)
+    bodies = Bodies(
+        np.eye(2), 0 * stiffness, stiffness, mean, amplitude, phase, frequency, contacts, friction
+    )
+    return bodies, np.array([of(0.0, 0.25, 1.0), 0.0]), np.array([of(0.0, 0.0, 0.5), 0.0])
+
+
+def preloaded(rng: np.random.Generator) -> Scene:
+    """As `weightless`, on a preloaded floor: its force reaches zero, or the preload, and no more."""
+    bodies, x0, v0 = weightless(rng)
+    floor = bodies.contacts[0].row
+    damping, preload = _one_of(rng, 0.0, 0.5), _one_of(rng, 1.0, 2.0)
+    return bodies._replace(contacts=[Soft(floor, 0.0, 10.0, damping, preload)]), x0, v0
+
+
+SCENES = {
+    "block": block,
+    "feet": feet,
+    "stack": stack,
+    "corner": corner,
+    "mixed": mixed,
+    "full": full,
+    "limit": at_its_limit,
+    "weightless": weightless,
+    "preloaded": preloaded,
+}
 
 
 def machine_of(

@@ -122,15 +122,19 @@ def interrupt_with_result(result: Callable[[], Any]) -> Iterator[None]:
 
 
 @contextmanager
-def interrupt_with_word_of(kept: Any) -> Iterator[None]:
-    """Let Ctrl-C say what is kept on disk: nothing if `kept`, a folder or store, is None."""
+def interrupt_with_word_of(kept: Any, option: str = "`store`", again: str = "call") -> Iterator[None]:
+    """Let Ctrl-C say what is kept on disk: nothing if `kept`, a folder or store, is None.
+
+    Args:
+        kept: where finished points are kept.
+        option: word for what keeps them.
+        again: word for what resumes there if it is made again.
+    """
     try:
         yield
     except KeyboardInterrupt:
         if kept is None:
-            sentence = "Stopped; nothing is kept. With `store` a sweep keeps its finished points, and the same call resumes there."
+            sentence = f"nothing is kept. With {option} a sweep keeps its finished points, and the same {again} resumes there."
         else:
-            sentence = (
-                f"Stopped; the points finished until then are in {kept}, and the same call resumes there."
-            )
-        raise KeyboardInterrupt(sentence) from None
+            sentence = f"the points finished until then are in {kept}, and the same {again} resumes there."
+        raise KeyboardInterrupt(f"Stopped; {sentence}") from None

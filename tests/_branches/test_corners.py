@@ -7,7 +7,7 @@ from vijax._branches.events.words import Elements, Letter, exchanged, letters_be
 from vijax._branches.parameter_family import ExtendedCycle
 from vijax._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from vijax._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, STICKING
-from vijax._machine.switching import COMPLIANT, FRICTION, RIGID
+from vijax._machine.kinds import COMPLIANT, FRICTION, RIGID
 from vijax._orbits.sequence import LEAVE, SECOND, Sequence
 
 

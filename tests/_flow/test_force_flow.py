@@ -71,7 +71,7 @@ def test_derivatives_at_rest_need_the_bound_of_neighbours(monkeypatch):
     assert not np.abs(wrong - right).max() < 1
 
 
-def test_a_sleeping_exponential_needs_the_check_at_the_end_of_a_step(monkeypatch):
+def test_a_sleeping_exponential_needs_its_bound_or_the_check_at_the_end_of_a_step(monkeypatch):
     wall = lambda t, x, v, args: -jnp.exp(200 * (x - 1))  # noqa: E731
     start = jnp.array([0.0, 1.0])
 
@@ -80,6 +80,8 @@ def test_a_sleeping_exponential_needs_the_check_at_the_end_of_a_step(monkeypatch
 
     lost = lambda force: float(energy(flow_map_of(force, 3.0)(start)) - energy(start))  # noqa: E731
     assert abs(lost(wall)) < 1e-11
+    monkeypatch.setattr(force_flow, "_bounded", lambda *args: args[4])
+    assert abs(lost(lambda t, x, v, args: wall(t, x, v, args))) < 1e-11
     monkeypatch.setattr(force_flow, "_consistent", lambda *args: args[6])
     assert not abs(lost(lambda t, x, v, args: -jnp.exp(200 * (x - 1)))) < 1e-6
 

@@ -62,8 +62,10 @@ def test_the_lock_of_a_killed_process_is_no_obstacle(tmp_path):
 
 def test_where_no_lock_can_be_made_there_is_none(tmp_path):
     (tmp_path / "file").write_text("")
-    with locked(tmp_path / "file" / "one.lock", nothing), locked(tmp_path / "file" / "one.lock", nothing):
-        pass
+    lock, waits = tmp_path / "file" / "one.lock", []
+    with locked(lock, lambda: waits.append("first")), locked(lock, lambda: waits.append("second")):
+        assert not lock.exists()
+    assert waits == []
 
 
 @pytest.mark.usefixtures("no_other_cache")

@@ -67,6 +67,13 @@ FUNCTIONS = {
     "erfc": (erfc, mpmath.erfc, (0, 0.3, -2, 5)),
     "erfinv": (erfinv, mpmath.erfinv, (0, 0.3, -0.9)),
     "logistic": (jax.nn.sigmoid, lambda t: 1 / (1 + mpmath.exp(-t)), (0, 0.3, -30)),
+    "inverse of cosh": (lambda t: 1 / jnp.cosh(t) ** 2, lambda t: 1 / mpmath.cosh(t) ** 2, (0, 0.3, -300)),
+    "inverse of exp": (lambda t: t / jnp.exp(2 * t), lambda t: t / mpmath.exp(2 * t), (0.1, 0.3, 300)),
+    "inverse of 3 + 5 exp": (
+        lambda t: 2 / (3 + 5 * jnp.exp(t)),
+        lambda t: 2 / (3 + 5 * mpmath.exp(t)),
+        (0, 0.3, 40),
+    ),
     "silu": (jax.nn.silu, lambda t: t / (1 + mpmath.exp(-t)), (0, 0.3, -30)),
 }
 # mpmath takes long to find the reference of these.
@@ -99,6 +106,21 @@ def test_coefficients_are_exact(name, at):
     function, reference, _ = FUNCTIONS[name]
     scale = abs(at) if 0 < abs(at) < 0.1 or abs(at) >= 1e3 else 0.1
     check(of_time(function, at, ORDER), lambda t, factor: reference(t * factor), at, scale)
+
+
+@pytest.mark.parametrize(
+    ("function", "at"),
+    [
+        (lambda t: 1 / jnp.cosh(t), 900.0),
+        (lambda t: t / jnp.cosh(-3 * t) ** 2, 400.0),
+        (lambda t: t / (2 * jnp.exp(t * t)), 40.0),
+        (lambda t: 2 / (3 + 5 * jnp.exp(t)), 900.0),
+        (lambda t: jnp.exp(-t * t), 900.0),
+        (lambda t: jnp.tanh(t) - 1, 900.0),
+    ],
+)
+def test_what_overflows_in_a_denominator_leaves_zeros(function, at):
+    np.testing.assert_array_equal(of_time(function, at, ORDER), 0.0)
 
 
 @pytest.mark.parametrize("name", [marked(name) for name in FUNCTIONS])

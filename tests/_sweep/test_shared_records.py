@@ -101,6 +101,8 @@ def test_a_record_is_held_once():
 
 
 def test_bad_records_are_refused_before_anything_runs():
+    with pytest.raises(ValueError, match="All swept values must be finite"):
+        vx.sweep(vx.Family(shaken), {"index": np.array([0.0, np.nan])}, **OPTIONS)
     values = {"forcing.times": np.stack([TIMES, TIMES[::-1]]), "stops[0].position": GAPS}
     with pytest.raises(ValueError, match="`times` must rise from knot to knot"):
         vx.sweep(shaken(), values, **OPTIONS)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
+from vijax._hybrid.own_times import not_differentiable
 
 START, SPAN = np.array([-2.5, -2.5, 0.0, 0.0]), 4.0
 FAR = vx.Contact({0: 1.0, 1: -1.0}, 50.0, 0.5)
@@ -84,3 +85,29 @@ def test_elastic_impacts_at_one_instant_keep_volumes():
     """Elastic and undamped: the map keeps volumes, so the product of the multipliers is 1."""
     run = end(twins(1.0, np.zeros((2, 2)), r=1.0))
     assert np.linalg.det(np.asarray(jax.jacfwd(run)(START))) == pytest.approx(1.0, abs=1e-11)
+
+
+@pytest.mark.slow
+def test_with_friction_of_contacts_derivatives_are_right_or_not_numbers():
+    """A block flies into a corner: derivatives of impacts at one instant are not known, and must not be read as if they were."""
+    walls, zeros = [vx.Stop(i, 0.0, "lower", 0.5) for i in (0, 1)], np.zeros((2, 2))
+    rubbing = [vx.Friction(1 - k, coefficient=0.1, contact=k) for k in (0, 1)]
+    system = vx.ImpactSystem([1.0, 1.0], zeros, zeros, None, walls, friction=rubbing)
+
+    def run(start):
+        sol = vx.simulate(system, 0.0, 3.0, start[:2], start[2:])
+        return jnp.concatenate([sol.x1, sol.v1])
+
+    slopes = jax.jit(jax.jacfwd(run))
+    apart, together = np.array([1.0, 1.5, -1.0, -1.0]), np.array([1.0, 1.0, -1.0, -1.0])
+    np.testing.assert_allclose(slopes(apart), differences(run, apart), atol=1e-6)
+    assert np.isfinite(np.asarray(run(together))).all()
+    assert np.isnan(np.asarray(slopes(together))).any(axis=1).all()
+
+
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+def test_what_has_no_derivative_is_nan_in_both_modes(derivative):
+    x = jnp.arange(3.0)
+    slopes = [derivative(lambda x, w=w: not_differentiable(jnp.array(w), x, x)[0])(x) for w in (False, True)]
+    np.testing.assert_array_equal(slopes[0], np.eye(3))
+    assert np.isnan(np.diag(slopes[1])).all()

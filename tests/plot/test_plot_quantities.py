@@ -128,7 +128,10 @@ def test_an_empty_diagram_is_explained():
         vx.plot.bifurcation(ds)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        vx.plot.bifurcation(ds, ordinate="section_position")
+        ax = vx.plot.bifurcation(ds, ordinate="section_position")
+    drawn = np.concatenate([np.asarray(line.get_xydata()) for line in ax.lines])
+    recorded = {(w, x) for w, own in zip([0.7, 0.8], ds.section_x.values[..., 0], strict=True) for x in own}
+    assert recorded <= set(map(tuple, drawn.tolist()))
 
 
 @pytest.mark.parametrize(

@@ -75,19 +75,22 @@ def imported(monkeypatch):
     plt.close("all")
 
 
-def says_what_to_do(function, *arguments) -> bool:
-    """True if the call returned; otherwise it must have raised a sentence in one line."""
-    told = None
+def message_of(function, *arguments) -> str | None:
+    """Message of the `ValueError` that a call raises, None if it returns."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             function(*arguments)
     except ValueError as error:
-        told = str(error)
+        return str(error)
     except jaxtyping.TypeCheckError:  # these tests alone check annotations
-        told = "wrong type"
-    assert told is None or (told.strip() and "\n" not in told)
-    return told is None
+        return "wrong type"
+    return None
+
+
+def is_sentence(message: str | None) -> bool:
+    """True for a message in one line, or none."""
+    return message is None or (bool(message.strip()) and "\n" not in message)
 
 
 def places_in(tree, place=()):
@@ -142,7 +145,7 @@ def damaged_bytes(draw, content: bytes):
 def test_machine_files_with_odd_values(tmp_path, tree):
     file = tmp_path / "machine.json"
     file.write_bytes(json.dumps(tree).encode("utf-8", "surrogatepass"))
-    says_what_to_do(vx.load, file)
+    assert is_sentence(message_of(vx.load, file))
 
 
 @pytest.mark.parametrize("ending", ["json", "toml"])
@@ -152,7 +155,7 @@ def test_machine_files_with_damaged_bytes(tmp_path, ending, data):
     file = tmp_path / f"machine.{ending}"
     vx.save(vx.models.wagg_bishop_b(0.8), file)
     file.write_bytes(data.draw(damaged_bytes(file.read_bytes())))
-    says_what_to_do(vx.load, file)
+    assert is_sentence(message_of(vx.load, file))
 
 
 @pytest.fixture(scope="module")
@@ -215,13 +218,15 @@ def damaged_datasets(draw, ds):
 @FEW
 @given(data=st.data())
 def test_datasets_of_sweeps(swept, data):
-    says_what_to_do(data.draw(st.sampled_from(OF_SWEEPS)), data.draw(damaged_datasets(swept)))
+    message = message_of(data.draw(st.sampled_from(OF_SWEEPS)), data.draw(damaged_datasets(swept)))
+    assert is_sentence(message)
 
 
 @FEW
 @given(data=st.data())
 def test_datasets_of_branches(followed, data):
-    says_what_to_do(data.draw(st.sampled_from(OF_BRANCHES)), data.draw(damaged_datasets(followed)))
+    message = message_of(data.draw(st.sampled_from(OF_BRANCHES)), data.draw(damaged_datasets(followed)))
+    assert is_sentence(message)
 
 
 @pytest.mark.thorough
@@ -241,7 +246,9 @@ def test_stores_give_the_same_or_a_sentence(swept, tmp_path_factory, data):
     file = data.draw(st.sampled_from(sorted(path for path in store.rglob("*") if path.is_file())))
     file.write_bytes(data.draw(damaged_bytes(file.read_bytes())))
     found = []
-    if says_what_to_do(lambda: found.append(again())):
+    message = message_of(lambda: found.append(again()))
+    assert is_sentence(message)
+    if message is None:
         xr.testing.assert_equal(found[0].drop_vars("steps"), swept.drop_vars("steps"))
 
 

@@ -152,7 +152,7 @@ def test_a_sweep_that_is_stopped_says_what_is_kept(machine, capsys, monkeypatch)
 
     monkeypatch.setattr("vijax.studio.command_line.sweep.sweep", stopped)
     assert main([*SWEEP, "--store", "kept"]) == 130
-    assert "kept in kept, and the same command goes on from there" in capsys.readouterr().err
+    assert "finished until then are in kept, and the same command resumes there" in capsys.readouterr().err
     assert main(SWEEP) == 130
     assert "nothing is kept" in capsys.readouterr().err
 

@@ -79,7 +79,9 @@ def test_arrows_of_loads_in_the_film_have_heads_that_point_along_the_load():
 
     film = frames_of(shown(vx.models.wagg_bishop_a(1.0), 3.0))
     for over in np.array(film["over"], dtype=float):
-        x, y = over[:, np.abs(over[1] - LOAD) < 0.1]  # root and end of the arrow, and the three points of its head
+        x, y = over[
+            :, np.abs(over[1] - LOAD) < 0.1
+        ]  # root and end of the arrow, and the three points of its head
         assert x.shape == (5,)
         assert x[3] == x[1]
         assert x[2] == x[4]

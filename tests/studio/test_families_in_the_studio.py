@@ -78,7 +78,17 @@ def test_what_does_not_fit_gets_a_sentence(file, capsys, name, typed, sentence):
 
 
 def test_a_machine_of_a_family_is_drawn():
-    vx.plot.machine(vx.Family(rotor, frequency=0.8))
+    def drawn(machine) -> list[np.ndarray]:
+        ax = vx.plot.machine(machine)
+        return [
+            *(np.asarray(line.get_xydata()) for line in ax.lines),
+            *(np.asarray(patch.get_path().vertices) for patch in ax.patches),
+        ]
+
+    of_family, of_machine = drawn(vx.Family(rotor, frequency=0.8)), drawn(rotor(frequency=0.8))
+    assert of_machine
+    for one, other in zip(of_family, of_machine, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_the_explorer_changes_values_of_a_family():

@@ -35,6 +35,7 @@ def branches(
     bounds: tuple[float, float] | None = None,
     *,
     depth: Count = 1,
+    fold: bool = False,
     max_points: Count = 100_000,
     max_branches: Count = 1000,
     quantities: Quantities = (),
@@ -50,6 +51,8 @@ def branches(
         ds: a sweep of one quantity, or the result of `vx.periodic_orbits` for it.
         bounds: lowest and highest value of the quantity; those of the sweep if left out.
         depth: number of successive period doublings that are followed from these branches.
+        fold: of branches that are mirror images of each other, by `system.symmetries()`, follow one. A branch that passes through a
+            pitchfork has both halves all the same.
         max_points: number of points of all branches together at which no more are followed. A direction of a branch
             has no more than 1000.
         max_branches: largest number of branches.
@@ -109,7 +112,7 @@ def branches(
             budget=budget,
             tell=bar.update,
         )
-        search = _Search(found, most, budget, follow, bar)
+        search = _Search(found, most, budget, follow, bar, fold=fold)
         last = search.follow_each_once(waiting)
         for _ in range(num_doublings):
             points = [
@@ -135,6 +138,7 @@ class _Search:
         budget: points of all branches.
         follow: follows the branches of orbits.
         bar: shows how far it is.
+        fold: whether mirror images count as one.
     """
 
     found: list[Branch]
@@ -142,6 +146,7 @@ class _Search:
     budget: Budget
     follow: Callable[[list[Start]], list[Branch | None]]
     bar: tqdm
+    fold: bool = False
 
     @property
     def is_over(self) -> bool:
@@ -151,7 +156,7 @@ class _Search:
     def follow_each_once(self, starts: list[Start]) -> list[Branch]:
         """Add the branches of all orbits that lie on none found, each branch once; return the added ones."""
         num_known, num_none = len(self.found), 0
-        orbits = KnownOrbits(starts)
+        orbits = KnownOrbits(starts, fold=self.fold)
         left = orbits.not_on([*range(len(starts))], self.found)
         while left and not self.is_over:
             self.bar.set_postfix_str(f"{len(self.found)} branches, {len(left)} orbits left", refresh=False)

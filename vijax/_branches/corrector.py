@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of
 from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, condense, solve_condensed
-from .._orbits.cycle import linearise
+from .._orbits.cycle import LinearCourse, Moment, linearise, linearise_course
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
@@ -55,6 +55,10 @@ class NewtonState(NamedTuple):
     num_steps: Array
 
 
+# The next guess, the state of the last step, and the course of the cycle there.
+_Iterate = tuple[ExtendedCycle, NewtonState, LinearCourse]
+
+
 def is_going_on(now: NewtonState, tolerance: Array) -> Array:
     """True where another Newton step is worth it."""
     eps, small = jnp.finfo(now.step.dtype).eps, NEWTON_CONVERGED[str(now.step.dtype)]
@@ -71,16 +75,19 @@ def is_converged(now: NewtonState) -> Array:
 
 def correct(
     family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
-) -> Corrected:
-    """Solve the equations of a sequence and `weights . place = target`, for instance with a tangent as weights."""
+) -> tuple[Corrected, LinearCourse]:
+    """Solve the equations of a sequence and `weights . place = target`, for instance with a tangent as weights.
+
+    The course of the cycle comes from the last of Newton's steps.
+    """
     count = jnp.sum(sequence.is_event)
     of_start = Weights(jnp.append(weights.z, weights.p), weights.flights)
     size = len(guess.z)
 
-    def one(now: tuple[ExtendedCycle, NewtonState]) -> tuple[ExtendedCycle, NewtonState]:
-        here, before = now
+    def one(now: _Iterate) -> _Iterate:
+        here, before, _ = now
         problem, change = family.linear_problem(sequence, here.p)
-        found, flights = linearise(problem, family.unknowns(here), family.scale, count, change)
+        found, flights, course = linearise_course(problem, family.unknowns(here), family.scale, count, change)
         equations = condense(flights, count, of_start)
         closing = found.closing / family.scale
 
@@ -107,12 +114,13 @@ def correct(
             before.step,
             before.num_steps + 1,
         )
-        return here.moved(step, 1.0), newton
+        return here.moved(step, 1.0), newton, course
 
-    begun = in_lanes_of(target, (guess, _nothing(guess)))
-    last = jax.lax.while_loop(lambda now: is_going_on(now[1], family.tolerance), one, begun)[1]
+    nothing = _no_course(guess, sequence, has_grip=family.has_tied_friction)
+    begun = in_lanes_of(target, (guess, _nothing(guess), nothing))
+    _, last, course = jax.lax.while_loop(lambda now: is_going_on(now[1], family.tolerance), one, begun)
     size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))
-    return Corrected(
+    corrected = Corrected(
         place=last.place,
         tangent=ExtendedCycle(*(a / size_of_tangent for a in last.tangent)),
         multipliers=family.multipliers(last.pencil, sequence),
@@ -122,6 +130,7 @@ def correct(
         num_steps=last.num_steps,
         is_converged=is_converged(last),
     )
+    return corrected, course
 
 
 def evaluate_at(
@@ -157,3 +166,13 @@ def _nothing(guess: ExtendedCycle) -> NewtonState:
     return NewtonState(
         guess, Pencil(square, square), guess, jnp.zeros_like(events), zero, zero, big, big, jnp.array(0)
     )
+
+
+def _no_course(guess: ExtendedCycle, sequence: Sequence, *, has_grip: bool) -> LinearCourse:
+    """A course of zeros in the shapes of that of a cycle with one parameter."""
+    events, size, stops = len(guess.flights), len(guess.z), sequence.mode.shape[1]
+    zeros = lambda *shape: jnp.zeros(shape, guess.z.dtype)  # noqa: E731
+    grip = (zeros(events + 1, stops), zeros(events, stops, size + 3)) if has_grip else (None, None)
+    begins = Moment(zeros(events + 1, size), zeros(events + 1), zeros(events + 1, stops), grip[0])
+    forward = zeros(events, size + 2, size + 3)
+    return LinearCourse(begins, zeros(size + 2, size + 1), forward, zeros(events, size + 3), grip[1])

@@ -14,7 +14,7 @@ from .._machine.numbers import numbers_of
 from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
-from .._orbits.sequence import NOTHING, Sequence, is_same_sequence, kinds_of, sequence_of
+from .._orbits.sequence import NOTHING, Instants, Sequence, is_same_sequence, kinds_of, sequence_of
 from .._system.waves import phase_at
 from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log
@@ -85,8 +85,13 @@ def corrected_cycle(
     family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
 ) -> CorrectedCycle:
     """The cycle of a sequence with `weights . place = target`."""
-    found = correct(family, sequence, guess, weights, target)
-    return _seen(family, sequence, found, _place_of(found, guess))
+    found, course = correct(family, sequence, guess, weights, target)
+    place, tangent = _place_of(found, guess), found.tangent
+    rates = course.rates(jnp.append(tangent.z, tangent.p), tangent.flights, family.scale)
+    moments = (course.begins, found.speeds), rates
+    equations = CycleEquations.of(family, sequence, place)
+    watched = margins_of_cycle(equations.problem, family.unknowns(place), course.begins)
+    return _with_rates(family, equations, found, place, moments, watched)
 
 
 def corrected_cycles(
@@ -133,12 +138,7 @@ def as_corrected_cycle(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
 ) -> CorrectedCycle:
     """A given cycle as a corrected one, at a point where Newton's method along the branch is singular."""
-    return _seen(family, sequence, evaluate_at(family, sequence, place, tangent), place)
-
-
-def _seen(
-    family: ParameterFamily, sequence: Sequence, found: Corrected, place: ExtendedCycle
-) -> CorrectedCycle:
+    found = evaluate_at(family, sequence, place, tangent)
     equations = CycleEquations.of(family, sequence, place)
     moments = _moments(family, equations, found, place)
     watched = margins_of_cycle(equations.problem, family.unknowns(place), moments[0][0])
@@ -229,7 +229,7 @@ def _run(
     strobe = StroboscopicMap(numbers, family.flow, length, family.phase, room_of_log)
     choices = Choices(can_stick=True, room=room_of_log)
     log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), choices)
-    whole, flights = sequence_of(log, strobe.t0, strobe.period, kinds_of(numbers))
+    whole, flights = sequence_of(Instants.of(log), strobe.t0, strobe.period, kinds_of(numbers))
     other = Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1])
     return other, flights[:room], (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
 

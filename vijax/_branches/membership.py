@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._orbits.sequence import Sequence
+from .._system.system import machine_of
 from .._trajectory.simulate import simulate_all
 from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
@@ -42,10 +43,13 @@ class KnownOrbits:
 
     Args:
         starts: the orbits.
+        fold: whether an orbit lies where one of its mirror images does.
     """
 
-    def __init__(self, starts: list[Start]):
-        self._starts = starts
+    def __init__(self, starts: list[Start], *, fold: bool = False):
+        images = [(k, image) for k, start in enumerate(starts) for image in (_images(start) if fold else [])]
+        self._starts = [*starts, *(image for _, image in images)]
+        self._owners = np.array([*range(len(starts)), *(k for k, _ in images)], int)
         self._known: dict[int, np.ndarray] = {}
         self._values: dict[int, float] = {}
 
@@ -64,7 +68,7 @@ class KnownOrbits:
         tasks = [_is_met(chance, family) for chance, family in zip(chances, families, strict=True)]
         for chance, is_met in zip(chances, drive(families, tasks, lambda: None), strict=True):
             if is_met:
-                found[chance.orbit].add(chance.number)
+                found[int(self._owners[chance.orbit])].add(chance.number)
         return found
 
     def _chances(self, which: list[int], number: int, branch: Branch) -> Iterator[_Chance]:
@@ -74,7 +78,8 @@ class KnownOrbits:
         values = branch.values[rows]
         z = np.concatenate([points["x0"].values, points["v0"].values], axis=1)[rows]
         num_periods = points.attrs["num_periods"]
-        for orbit in (k for k in which if self._starts[k].num_periods == num_periods):
+        own = np.flatnonzero(np.isin(self._owners, which)).tolist()
+        for orbit in (k for k in own if self._starts[k].num_periods == num_periods):
             if orbit not in self._values:
                 self._values[orbit] = value_of(self._starts[orbit].system, branch.path)
             p = self._values[orbit]
@@ -167,3 +172,19 @@ def _states(start: Start) -> np.ndarray:
         start.system, ts[0], ts[-1], x, v, ts=ts, args=start.args, flow=start.flow, throw=False
     )
     return np.concatenate([sol.xs, sol.vs], axis=1)
+
+
+def _images(start: Start) -> list[Start]:
+    """The mirror images of an orbit that a load drives, those apart that are the orbit itself."""
+    machine = machine_of(start.system)
+    symmetries = () if start.is_autonomous else machine.symmetries(start.args)
+    own, found = _states(start) if symmetries else np.zeros(0), []
+    for symmetry in symmetries:
+        period, (x, v) = 2 * np.pi / float(machine.forcing.frequency), np.split(start.state, 2)
+        t0 = start.phase / (2 * np.pi) * period
+        later = t0 + float(symmetry.shift) * period
+        sol = simulate_all(start.system, t0, later, x, v, args=start.args, flow=start.flow, throw=False)
+        image = np.concatenate(symmetry.image(np.asarray(sol.x1), np.asarray(sol.v1)))
+        if np.abs(own - image).max(axis=1).min() > MEMBER_SAME * np.abs(own).max():
+            found.append(start._replace(state=image))
+    return found

@@ -23,6 +23,7 @@ from .._flow.taylor import TaylorFlow
 from .._jax.arrays import Count, Numbers, real_number, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
+from .._machine.switching import kinds_of_elements
 from .._orbits.autonomous import with_unit
 from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import empty_sequence
@@ -95,7 +96,8 @@ def nonsmooth_modes(
         `x0` and `v0` (mass,), a state of the motion, `multipliers` (two are 1), `is_stable` (none is larger), `num_impacts` (stop,) of a
         period, `residual`, and `bifurcation`, "gr" where the events change. Attribute `ends`: why each family ends, "energy", or
         as for `vx.continuation`. A mode that touches several stops at once goes on with them where a symmetry of the machine keeps
-        it; others end there, "several_impacts". Multipliers are those of the whole machine, NaN at a grazing of several stops.
+        it; others end there, "several_impacts". Behind a later touch of two stops half a period apart the family may be one that hits
+        a single one of them. Multipliers are those of the whole machine, NaN at a grazing of several stops.
 
     Raises:
         ValueError: for a machine that loses or gains energy, touches a stop at rest, or has another form; or if 64-bit numbers are off.
@@ -304,7 +306,7 @@ def _parameter_family(system: ImpactSystem, mode: _Mode) -> ParameterFamily:
 
 def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) -> Requests[BranchPoint | None]:
     """The first orbit of a family that hits a stop; None if Newton's method finds none."""
-    room = empty_sequence(_ROOM, len(system.stops), is_switching=system.is_switching)
+    room = empty_sequence(_ROOM, tuple(kinds_of_elements(system)))
     room = jax.tree.map(np.asarray, room)
     for more in TRIALS_BEYOND_TOUCH:
         # From the middle of the swing, over the period of the linear mode.

@@ -16,6 +16,7 @@ from .._flow.taylor import TaylorFlow
 from .._jax.arrays import Reals
 from .._jax.concrete import is_traced
 from .._machine.numbers import MachineNumbers, numbers_of
+from .._machine.switching import kinds_of_elements
 from .._orbits.autonomous import with_unit
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts
@@ -358,14 +359,12 @@ def _band(system: AnySystem, path: str, bounds: tuple[float, float]) -> tuple[fl
 def points_of(starts: list[Start], families: list[ParameterFamily]) -> list[BranchPoint | None]:
     """Points at which the branches begin; None for a start that is no orbit of its machine, or not isolated."""
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
-    rooms: dict[tuple[int, int, bool], Sequence] = {}
+    rooms: dict[tuple[int, tuple[int, ...]], Sequence] = {}
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many
-        machine = start.system
-        elements = (*machine.stops, *machine.friction, *machine.hysteresis)
-        size = start.num_events, len(elements), machine.is_switching
+        size = start.num_events, tuple(kinds_of_elements(machine_of(start.system)))
         if size not in rooms:
-            rooms[size] = empty_sequence(*size[:2], is_switching=machine.is_switching)
+            rooms[size] = empty_sequence(*size)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(point_at_orbit(rooms[size], start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))

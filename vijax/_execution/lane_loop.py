@@ -31,6 +31,7 @@ from .._hybrid.transition import Instant
 from .._jax.arrays import append_axes
 from .._jax.xla import as_part, compute_once
 from .._lanes.transform import lanes_last
+from .._machine.kinds import RIGID
 from .._machine.machine import Machine, in_periods
 from .._machine.state import State
 from .._machine.tables import row_at
@@ -275,7 +276,8 @@ def is_written_out(task: LaneTask) -> bool:
     """True where a step written out element by element is faster: where one element switches, of one or two masses."""
     machine = task.machine
     is_small = machine.contacts.num == 1 and max(machine.num_masses, machine.waves.num_harmonics) <= 2
-    return machine.contacts.is_switching and is_small and isinstance(task.flow, PreparedModalFlow)
+    switches = machine.contacts.kinds != (RIGID,)
+    return is_small and switches and isinstance(task.flow, PreparedModalFlow)
 
 
 def _held(state: State, instant: Instant) -> Float[Array, "stops lanes"]:

@@ -24,10 +24,10 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
 from .._jax.programs import Programs
 from .._jax.xla import are_sums_in_kernels, in_one_kernel, in_parts, options_for_lanes
+from .._machine.kinds import FRICTION, RIGID
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, idle_mode
-from .._machine.switching import FRICTION
+from .._machine.state import State
 from .._trajectory.loop import steps_fit_one_kernel
 from .._trajectory.observer import nothing_observed
 from .._trajectory.step import initial_state
@@ -140,13 +140,11 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
     points: Points = unpack(program.layout, program.layout.empty(width))
     num_stops, has_tangents = points.numbers.num_stops, program.has_tangents
     (stops, n), dtype = points.numbers.rows.shape[:2], points.x0.dtype
-    columns, knots = points.numbers.num_columns, points.numbers.knots_layout
+    columns, knots, mode = points.numbers.num_columns, points.numbers.knots_layout, points.numbers.mode_layout
 
     def nothing(size: int) -> EndStates:
         real, whole = jnp.zeros(size, dtype), jnp.zeros(size, int)
         of_stops = jnp.zeros((stops, size), dtype)
-        is_tied = points.numbers.has_tied_friction
-        mode = None if points.numbers.laws is None else idle_mode(of_stops, is_tied=is_tied)
         state = State(
             periods=whole,
             time=real,
@@ -158,7 +156,7 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
             held=of_stops.astype(bool),
             contact=of_stops.astype(jnp.int8),
             memory=points.flow.memory(real),
-            mode=mode,
+            mode=None if mode is None else mode.idle(of_stops),
             knots=None if knots is None else knots.blank(real),
         )
         counts = of_stops.astype(int), of_stops.astype(int)
@@ -229,13 +227,13 @@ def _run_lanes(
     return queue, _is_left(work, queue)
 
 
-def _are_parts(task: LaneTask) -> bool:
-    """True where the parts of a step are kernels: machines whose forces switch have programs too large for one.
+# Kinds of elements of the machines whose step is small enough for one kernel.
+_IN_ONE_KERNEL = set(), {RIGID}, {FRICTION}
 
-    Those with friction alone are small enough.
-    """
-    contacts = task.machine.contacts
-    return contacts.is_switching and set(contacts.laws.kinds) != {FRICTION} and not is_written_out(task)
+
+def _are_parts(task: LaneTask) -> bool:
+    """True where the parts of a step are kernels, as a step is too large for one."""
+    return set(task.machine.contacts.kinds) not in _IN_ONE_KERNEL and not is_written_out(task)
 
 
 # The queue is donated: its buffers, a few MB, are written in place instead of copied.

@@ -55,6 +55,8 @@ def points_of_lanes(
         ValueError: for a path that names nothing, or values that do not fit or make no valid machine.
     """
     places = {path: np.arange(len(a)) for path, a in values.items()} if places is None else places
+    for path, a in values.items():  # the function of a family may hide them, as an index does
+        check_every(path, a, FINITE)
     points = _sharing_records(base, values, places)
     _check(points, counts_periods=counts_periods)
     return points

@@ -18,6 +18,7 @@ from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.tables import Knots
+from .affine import affine_power
 from .interface import AbstractFlow
 
 # Binary digits of the number of turns of a flight.
@@ -143,13 +144,5 @@ def _turned(
         on = lambda carry: (once(carry[0]), carry[1] - 1)  # noqa: E731
         z, _ = jax.lax.while_loop(lambda carry: carry[1] > 0, on, (z, turns))
         return eqx.tree_at(names, state, (z[:n], z[n:]))
-    origin = jnp.zeros_like(z)
-
-    def digit(carry: tuple[Array, Array, Array], k: Array) -> tuple[tuple[Array, Array, Array], None]:
-        z, matrix, shift = carry
-        z = jnp.where((turns >> k) & 1 > 0, matrix @ z + shift, z)
-        return (z, matrix @ matrix, matrix @ shift + shift), None
-
-    start = z, jax.jacfwd(once)(origin), once(origin)
-    (z, *_), _ = jax.lax.scan(digit, start, jnp.arange(_DIGITS))
+    z = affine_power(once, z, turns, _DIGITS)
     return eqx.tree_at(names, state, (z[:n], z[n:]))

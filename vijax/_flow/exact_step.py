@@ -10,14 +10,13 @@ there. This is the differentiation rule of `fly`. It consists of differentiable 
 import abc
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._hybrid.guards import events_of_steps, guards_of_steps, is_idle, leading_zeros, select_active
+from .._hybrid.guards import events_of_steps, is_idle, leading_zeros, select_active
 from .._hybrid.limits import GAP, Limit
 from .._jax.arrays import Scalar, rounding_step, smallest
 from .._jax.xla import compute_once, is_any
@@ -25,14 +24,12 @@ from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import FROZEN, State
+from .arrival import arrival_of, delays_to_events
 from .guard_rests import GuardRests, guard_rests
 from .interface import AbstractFlow, Expansion, Flight
 from .safe_step import Bound, divided_bound, divided_bound_of_two, safe_step
-from .series import derivative, horner, sum_series, taylor_series
-from .switching_step import TERMS, near_of, switching_step
-
-# Taylor terms by which an event is reached that is `Limit.near`.
-_TERMS = 5
+from .series import sum_series, taylor_series
+from .switching_step import switching_step
 
 
 def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
@@ -168,7 +165,8 @@ def flight_along(
     limit, rests = jnp.minimum(ahead, motion.limit), None
     if machine.contacts.is_coupled:
         rests = compute_once(guard_rests, near, state, motion, hold, limit)
-    find = switching_step if machine.contacts.is_switching else _safe_step
+    is_estimated = arrival_of(machine).is_estimated
+    find = switching_step if is_estimated else _safe_step
     step, is_root = compute_once(find, near, state, motion, hold, limit, rests)
     is_last = step >= remaining
     step = jnp.where(is_last, remaining, step)
@@ -176,7 +174,8 @@ def flight_along(
     series = compute_once(near_future, machine, moved, hold)
     idle = None if rests is None else is_idle(moved, machine) | rests.vanishes
     ahead = ahead if until is None else jnp.minimum(ahead, until)
-    delays = compute_once(_delays, near, moved, series, hold, is_root, ahead - step, idle)
+    order = leading_zeros(state, machine) if is_estimated else None
+    delays = compute_once(delays_to_events, near, moved, series, hold, is_root, ahead - step, idle, order)
     delay = smallest(delays)
     is_event = (delays <= delay + simultaneity_tolerance(machine)) & (delays < jnp.inf)
     # Not before the start of the step: events of one instant come in causal order.
@@ -281,82 +280,7 @@ def move_along(
 
 
 def _near_future(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
-    terms = TERMS if machine.contacts.is_switching else _TERMS
-    return taylor_series(machine, state, hold, terms, unroll=True)
-
-
-def _delays(
-    machine: Machine,
-    state: State,
-    series: tuple[Array, ...],
-    hold: Held,
-    is_root: Bool[Array, "stops ..."],
-    ahead: Scalar,
-    idle: Bool[Array, "stops ..."] | None,
-) -> Float[Array, "stops ..."]:
-    """Time to the next event of every stop, if it is near; else infinite.
-
-    A step that ends on a root of its bound falls slightly short of the event. From there the Taylor polynomial of the
-    gap or contact force has its root to rounding. The same holds for every other stop with an event as near.
-
-    Args:
-        machine: the machine as arrays.
-        state: state at the end of the step.
-        series: Taylor coefficients of positions, forces and phase there.
-        hold: contacts that hold.
-        is_root: stops on whose event the step ended, to rounding, or of machines that switch close to it.
-        ahead: longest time to an event.
-        idle: flags of guards without events, None if each has some.
-    """
-    num_terms = len(series[0])
-
-    def padded(limit: Limit) -> list[Any]:
-        guard = limit.series(machine, state, hold, series)
-        return [*guard, *[0.0] * (num_terms - len(guard))]
-
-    h = select_active(machine, state, padded, guards_of_steps)
-    value, slope, curve, bend = h[:4]
-    square = slope * slope - 4 * curve * value
-    is_simple = (slope < 0) & (4 * square > slope * slope)
-    root = jnp.sqrt(jnp.where(is_simple, square, 1))
-    delay = 2 * value / (root - jnp.where(is_simple, slope, 0))
-    is_switching = machine.contacts.is_switching
-    # From farther away the parabola must be better.
-    is_simple = is_simple & (jnp.abs(bend) * delay * delay <= (1e-4 if is_switching else 1e-3) * root)
-    # Two steps of Newton's method with one division: the parabola has the slope -root at its zero, and the reciprocal
-    # of the slope after the first step follows from that of the root.
-    inverse = 1 / root
-    delay = delay + horner(h, delay) * inverse
-    delay = delay + horner(h, delay) * inverse * (2 + horner(derivative(h), delay) * inverse)
-    near_of_limit = near_of if is_switching else lambda limit, dtype: limit.near[dtype]
-    dtype = str(state.x.dtype)
-    near = select_active(machine, state, lambda limit: near_of_limit(limit, dtype), guards_of_steps)
-    # One distance for all: an event must not be met while an earlier one of another stop is still too far. A single
-    # number where all guards are alike.
-    nearest = jnp.min(near, axis=0, initial=jnp.inf) if jnp.ndim(near) else near
-    near = nearest * machine.timescale
-    if is_switching:  # a step may have ended behind the event
-        is_near = is_simple & (jnp.abs(delay) <= near) & (delay <= ahead)
-    else:
-        is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
-    is_near = is_near if idle is None else is_near & ~idle
-    # A step of a machine that switches ends on an estimate of the event: the event may lie behind the end of the motion.
-    is_here = is_root & ~(is_simple & (delay > ahead)) if is_switching else is_root
-    if len(value) > 1:
-        first = smallest(jnp.where(is_near, delay, jnp.inf))
-        is_other = ~is_near & ~is_here & ~(is_idle(state, machine) if idle is None else idle)
-        waits = is_near & jnp.any(is_other & _may_vanish(h, first), axis=0)
-        is_near, is_here = is_near & ~waits, is_here & ~waits
-    return jnp.where(is_near, delay, jnp.where(is_here, 0, jnp.inf))
-
-
-def _may_vanish(h: list[Array], ahead: Scalar) -> Bool[Array, "guards ..."]:
-    """Flags of guards that may vanish within a time: a gap that closes just before its mass stands still, for instance."""
-    value, slope, curve, bend = h[:4]
-    until = jnp.where(ahead < jnp.inf, jnp.maximum(ahead, 0), 0)
-    lowest = jnp.where(curve > 0, jnp.clip(-slope / jnp.where(curve > 0, 2 * curve, 1), 0, until), until)
-    least = jnp.maximum(value, 0) + lowest * (slope + lowest * curve)
-    return ((slope < 0) | (curve < 0)) & (least < jnp.abs(bend) * until**3)
+    return taylor_series(machine, state, hold, arrival_of(machine).terms, unroll=True)
 
 
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:

@@ -1,4 +1,4 @@
-"""Whether the force of a machine has Taylor series here, and the flow that integrates it by these."""
+"""Test of a force for Taylor series, and the flow that integrates a machine by these."""
 
 import warnings
 from typing import Any

@@ -20,9 +20,11 @@ from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State, with_memory
+from .._series.motion_bound import has_motion_bound
 from .._series.order_loop import LoopSeries
 from .._series.plan import Plan
 from .._series.series import Series, force_at
+from .arrival import arrival_of
 from .branches import DECIDING, Branches, branches_ahead, changes_at, modes_now, unknown_branches
 from .exact_step import ExpandingFlow, flight_along, move_along, state_after_step
 from .force_plan import plan_of
@@ -30,12 +32,10 @@ from .force_series import LONGEST_PHASE, ForceSeries, force_series, in_space
 from .interface import Flight
 from .orders import Orders, as_array, slope_of, value_of
 from .series import derivative, horner, sum_series
-from .series_length import derivative_limit, is_consistent, motion_limit, time_limit
-from .switching_step import TERMS
+from .series_length import derivative_limit, is_bounded, is_consistent, motion_limit, time_limit
+from .shortening import MOST_HALVINGS, shortened
 from .taylor import TaylorExpansion
 
-# Taylor terms by which an event is reached.
-_NEAR = 5
 # Longest step of a motion without any scale, in time scales of the machine.
 _LONGEST = 1e3
 # Quarterings of a step whose end contradicts the force.
@@ -119,6 +119,7 @@ class ForceFlow(ExpandingFlow):
         assert motion.sizes is not None  # the plan has them
         limit = call(limit_of, machine, motion.x, *motion.sizes, tolerance)
         limit = time_limit(self._plan(machine), machine, state, modes, limit, order, tolerance)
+        limit = _bounded(plan, machine, state, motion, limit)
         limit = _consistent(
             self._plan(machine), machine, state, hold, modes, motion, limit, tolerance, direction
         )
@@ -263,7 +264,7 @@ class ForceFlow(ExpandingFlow):
 
     def _near_future(self, machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
         """First Taylor coefficients at the end of a step, in the branches that follow."""
-        terms = TERMS if machine.contacts.is_switching else _NEAR
+        terms = arrival_of(machine).terms
         is_alone = state.x.ndim == 1
 
         def of_one(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
@@ -351,6 +352,17 @@ def _limit(
     return jnp.minimum(limit, _LONGEST * machine.timescale)
 
 
+def _bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, limit: Scalar) -> Scalar:
+    """Longest step, halved until the force along it is bounded on a disc of complex times."""
+    if not has_motion_bound(plan):
+        return limit
+
+    def is_good(limit: Scalar) -> Any:
+        return compute_once(is_bounded, plan, machine, state, motion, limit)
+
+    return shortened(limit, is_good, 1 / 2, MOST_HALVINGS)
+
+
 def _consistent(
     plan: Plan,
     machine: Machine,
@@ -368,15 +380,7 @@ def _consistent(
         step = direction * limit
         return compute_once(is_consistent, plan, machine, state, hold, modes, motion, step, tolerance)
 
-    def cut(carry: tuple) -> tuple:
-        limit, _, cuts = carry
-        limit = limit / 4
-        return limit, is_good(limit), cuts + 1
-
-    is_on = lambda carry: ~carry[1] & (carry[2] < _MOST_CUTS)  # noqa: E731
-    # The first turn looks at the limit itself.
-    begin = 4 * limit, jnp.zeros(limit.shape, bool), jnp.full(limit.shape, -1)
-    return jax.lax.while_loop(is_on, cut, begin)[0]
+    return shortened(limit, is_good, 1 / 4, _MOST_CUTS)
 
 
 def _acceleration(plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Scalar, ...]) -> Array:

@@ -18,20 +18,20 @@ import operator
 from functools import reduce
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar, append_axes, matrix_product, matvec
+from .._jax.arrays import Scalar, append_axes, matvec
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._system.waves import Waves, speeds, turned
+from .._system.waves import speeds, turned
 from .exact_step import ExpandingFlow
 from .interface import Expansion
+from .modal_tables import Modes, Rests, SteadyResponse, bounds_of_rests, response_of
 from .mode_series import (
     LONGEST_STEP_AND_TERMS,
     cosine_and_sine,
@@ -45,62 +45,6 @@ from .polynomial_response import (
     from_rest,
     from_rest_at_any_time,
 )
-
-
-class Modes(eqx.Module):
-    """Normal modes for one set of held masses, or with a leading axis over all sets.
-
-    Attributes:
-        squared_frequency: w^2, (modes,).
-        decay: a, (modes,).
-        shape: matrix from modal coordinates to positions, (n, modes).
-        inverse: matrix from positions to modal coordinates, (modes, n).
-        anchor: matrix from positions of held masses to the displacement of the rest position, (n, n).
-    """
-
-    squared_frequency: Float[Array, "..."]
-    decay: Float[Array, "..."]
-    shape: Float[Array, "..."]
-    inverse: Float[Array, "..."]
-    anchor: Float[Array, "..."]
-
-
-class SteadyResponse(eqx.Module):
-    """Steady response to the load, for one set of held masses, or with a leading axis over all sets.
-
-    Attributes:
-        mean: its mean, (n,); where forces switch, the matrix that makes it of the mean load, (n, n).
-        waves: its harmonics.
-    """
-
-    mean: Float[Array, "..."]
-    waves: Waves
-
-    def offset(self, machine: Machine) -> Float[Array, "n ..."]:
-        """Mean of the response, in the mode of the machine."""
-        return matvec(self.mean, machine.mean) if machine.contacts.is_switching else self.mean
-
-
-class Rests(eqx.Module):
-    """Bounds of derivatives, for one set of held masses, or with a leading axis over all sets.
-
-    |x''''| / 24 <= x . root + x_load, with the roots of the energies q'^2 + w^2 q^2 of the modes; |force'''| / 6 likewise.
-
-    Attributes:
-        x: (n, modes).
-        x_load: part of the steady response, (n,).
-        force: (n, modes).
-        force_load: (n,).
-        fifth: likewise for |v^(4)| / 24, (n, modes); None where forces do not switch.
-        fifth_load: (n,).
-    """
-
-    x: Float[Array, "..."]
-    x_load: Float[Array, "..."]
-    force: Float[Array, "..."]
-    force_load: Float[Array, "..."]
-    fifth: Float[Array, "..."] | None = None
-    fifth_load: Float[Array, "..."] | None = None
 
 
 class ModalFlow(ExpandingFlow):
@@ -121,8 +65,8 @@ class ModalFlow(ExpandingFlow):
 
         def of_set(modes: Modes, closed: Array | None) -> tuple[SteadyResponse, Rests, Scalar]:
             own = machine if closed is None else machine.with_closed(closed)
-            response = _response(own, modes)
-            return response, _rests(own, modes, response), own.rate
+            response = response_of(own, modes, switches=closed is not None)
+            return response, bounds_of_rests(own, modes, response), own.rate
 
         response, rests, rates = jax.vmap(of_set)(self.modes, self.closed)
         longest = LONGEST_STEP_AND_TERMS if machine.tables is None else LONGEST_UNDER_TABLES
@@ -136,56 +80,6 @@ class ModalFlow(ExpandingFlow):
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
         """Prepare the modes and expand."""
         return self.prepare(machine).expand(machine, state, hold)
-
-
-def _response(machine: Machine, modes: Modes) -> SteadyResponse:
-    w2, a, shape, waves = modes.squared_frequency, modes.decay, modes.shape, machine.waves
-    speed = waves.speeds(machine.pace)
-    stiff, drag = w2[None] - speed * speed, 2 * a[None] * speed
-    scale = stiff * stiff + drag * drag
-    c, s = _both(waves.cosine, waves.sine, shape)
-    transposed = jnp.swapaxes(shape, 0, 1)
-    response = Waves(*_both((stiff * c - drag * s) / scale, (stiff * s + drag * c) / scale, transposed))
-    if machine.contacts.is_switching:
-        return SteadyResponse(matrix_product(shape / w2[None], transposed), response)
-    return SteadyResponse(matvec(shape, matvec(transposed, machine.mean) / w2), response)
-
-
-def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
-    """The energy of a mode never grows, and q''' and q'''' are linear in q and q'."""
-    w2, a = modes.squared_frequency, modes.decay
-    w = jnp.sqrt(w2)
-    skew = jnp.abs(4 * a * a - w2)
-    third, fourth = skew + 2 * a * w, w * skew + 4 * a * jnp.abs(w2 - 2 * a * a)
-    shape = jnp.abs(modes.shape)
-    x4 = shape * fourth[None]
-    x4_load = response.waves.rate_bound(4, machine.pace)
-    # Forces are formed before absolute values are taken: symmetry may keep that on a held mass zero.
-    drag, spring = (jnp.abs(matrix_product(a, modes.shape)) for a in (machine.damping, machine.stiffness))
-    force = drag * fourth[None] + spring * third[None]
-    force_load = _force_waves(machine, response).rate_bound(3, machine.pace)
-    rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)
-    if not machine.contacts.is_switching:
-        return Rests(*rests)
-    x5 = shape * (2 * a * fourth + w2 * third)[None]
-    x5_load = response.waves.rate_bound(5, machine.pace)
-    return Rests(*rests, x5 * (1 / 24), x5_load * (1 / 24))
-
-
-def _force_waves(machine: Machine, response: SteadyResponse) -> Waves:
-    """Harmonics of the forces on the masses in the steady response."""
-    x, load = response.waves, machine.waves
-    speed = x.speeds(machine.pace)
-    spring, drag = (jnp.swapaxes(a, 0, 1) for a in (machine.stiffness, machine.damping))
-    c, s = _both(x.cosine, x.sine, spring)
-    c_rate, s_rate = _both(speed * x.sine, speed * x.cosine, drag)
-    return Waves(load.cosine - c - c_rate, load.sine - s + s_rate)
-
-
-def _both(a: Array, b: Array, matrix: Array) -> tuple[Array, Array]:
-    """Products of two arrays with the same matrix, as one."""
-    whole = matrix_product(jnp.concatenate([a, b]), matrix)
-    return whole[: len(a)], whole[len(a) :]
 
 
 class PreparedModalFlow(ExpandingFlow):

@@ -16,7 +16,8 @@ from .._jax.concrete import concrete, concrete_evaluation
 from .._machine.numbers import num_harmonics, tones_of
 from .._system.checks import is_semidefinite, is_symmetric
 from .._system.system import ImpactSystem
-from .modal import ModalFlow, Modes
+from .modal import ModalFlow
+from .modal_tables import Modes
 
 MAX_SETS = 8
 

@@ -32,6 +32,8 @@ from .._machine.machine import Machine
 from .._machine.state import State
 
 _SHORT = 4
+# Most orders that are unrolled without a call each: of more, XLA would compute each from the first.
+_UNROLLED = 5
 
 
 def taylor_series(
@@ -39,7 +41,7 @@ def taylor_series(
 ) -> tuple[Float[Array, "_ n ..."], Float[Array, "_ n ..."], Float[Array, "_ 2 harmonics ..."]]:
     """Taylor coefficients of positions, up to `order`, of forces, and of the forcing phase."""
     extend, start = next_coefficients(machine, hold), rows_of_state(state)
-    if unroll and machine.contacts.is_switching:  # more terms, which would all begin anew
+    if unroll and order > _UNROLLED:
         extend = partial(compute_once, extend)
     _, coefficients = jax.lax.scan(extend, start, orders(order, state), unroll=unroll)
     x, force = (vector(rows, len(state.x), axis=1) for rows in coefficients[:2])

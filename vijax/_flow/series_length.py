@@ -8,6 +8,8 @@
    shows in no coefficient.
 4. Functions of time alone that are not harmonic are bounded on a disc of complex times (`time_limit`): a pulse that is still far
    shows in no coefficient either.
+5. Terms of positions and velocities that are no polynomials are bounded on a disc of complex times as well (`is_bounded`): a
+   force in a narrow range of positions, which one step passes over, shows neither in a coefficient nor at the end of the step.
 """
 
 from collections.abc import Callable
@@ -23,6 +25,7 @@ from .._jax.arrays import Flag, Scalar, add_up, matvec
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._series.motion_bound import motion_bound
 from .._series.order_loop import added_by_halves
 from .._series.plan import Plan
 from .._series.series import force_at
@@ -30,15 +33,18 @@ from .._series.time_bound import has_time_bound, time_bound
 from .branches import is_entering
 from .force_series import ForceSeries, in_space, largest
 from .orders import Orders, slope_of, value_of
+from .shortening import MOST_HALVINGS, shortened
 
 # Share of the step that the last coefficients allow.
 _SHARE = 0.9
 # Impulse of the contradiction at the end of a step, in tolerances: its mean over the step is far smaller, but not that of a power
 # that begins. What such a power adds to the derivatives of the motion begins with a lower power of time, so it must be far smaller.
 _SLACK, _OF_CLOSING = 1e3, 1e-7
-# Radius of the disc on which functions of time are bounded, in lengths of the step, and halvings of a step.
+# Radius of the disc on which functions of time are bounded, in lengths of the step.
 _DISC = 6.0
-_MOST_HALVINGS = 60
+# Radius of the disc on which the force along the motion is bounded, in lengths of the step, and its largest impulse there, relative to
+# the motion in the step: terms beyond order P are below _LARGEST / _DISC_OF_MOTION^P.
+_DISC_OF_MOTION, _LARGEST = 3.0, 1e3
 
 
 def motion_limit(x: Orders, tolerance: float) -> Scalar:
@@ -143,18 +149,30 @@ def time_limit(
     force, clock = machine.extra.force, machine.clock(state)
     most = 10 * tolerance * _DISC**order
 
-    def is_wild(limit: Scalar) -> Flag:
-        bound = time_bound(plan, force, clock, _DISC * limit, like=state.x, modes=modes)
-        return ~(bound <= most)
+    def is_bounded(limit: Scalar) -> Flag:
+        return time_bound(plan, force, clock, _DISC * limit, like=state.x, modes=modes) <= most
 
-    def halve(carry: tuple) -> tuple:
-        limit, _, turns = carry
-        return limit / 2, is_wild(limit / 2), turns + 1
+    return shortened(limit, is_bounded, 1 / 2, MOST_HALVINGS)
 
-    is_on = lambda carry: carry[1] & (carry[2] < _MOST_HALVINGS)  # noqa: E731
-    # The first turn looks at the limit itself.
-    begin = 2 * limit, jnp.ones(limit.shape, bool), jnp.full(limit.shape, -1)
-    return jax.lax.while_loop(is_on, halve, begin)[0]
+
+def is_bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, step: Scalar) -> Flag:
+    """Rule 5: whether the force is bounded on a disc of three times the length of a step, so that nothing in it is unseen."""
+    assert motion.series is not None
+    radius = _DISC_OF_MOTION * step
+    of_force, of_guards = motion_bound(plan, motion.series, radius, *_reach(machine, motion, radius), step)
+    impulse = step * jnp.max(machine.contacts.inverse_mass_size(of_force), axis=0)
+    speed = jnp.max(jnp.abs(state.v), axis=0) + step * jnp.max(jnp.abs(2 * motion.x[2]), axis=0)
+    return (impulse <= _LARGEST * speed) & (of_guards <= _LARGEST)
+
+
+def _reach(machine: Machine, motion: ForceSeries, radius: Scalar) -> tuple[Array, Array]:
+    """Largest distances of positions and velocities in space from their values now, within a radius of complex times."""
+    x, v, phase, order = motion.x, motion.v, motion.phase, len(motion.x) - 1
+    if machine.frame is not None:
+        space = [in_space(machine, phase[k], x[k], v[k]) for k in range(order + 1)]
+        x, v = ([both[j] for both in space] for j in (0, 1))
+    size = lambda a: radius * value_of(jax.tree.map(jnp.abs, a[1:]), radius)  # noqa: E731
+    return size(x), size(v)
 
 
 def _felt(machine: Machine, state: State, motion: ForceSeries) -> Array:

@@ -15,6 +15,7 @@ from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.waves import turned
+from .affine import affine_power
 from .interface import AbstractFlow
 
 # Period of a machine without load, times its rate: any would serve, this one is a few steps.
@@ -168,14 +169,5 @@ def _power(period, state: State, count: Int[Array, ""]) -> State:
     def strobe(z: Float[Array, " state"]) -> Float[Array, " state"]:
         return jnp.concatenate(names(period(eqx.tree_at(names, state, (z[:n], z[n:])))))
 
-    z = jnp.concatenate(names(state))
-    origin = jnp.zeros_like(z)
-
-    def square(carry):
-        z, matrix, shift, left = carry
-        z = jnp.where(left % 2 == 1, matrix @ z + shift, z)
-        return z, matrix @ matrix, matrix @ shift + shift, left // 2
-
-    start = (z, jax.jacfwd(strobe)(origin), strobe(origin), count)
-    z, *_ = jax.lax.while_loop(lambda carry: carry[3] > 0, square, start)
+    z = affine_power(strobe, jnp.concatenate(names(state)), count)
     return eqx.tree_at(lambda s: (s.x, s.v, s.periods), state, (z[:n], z[n:], state.periods + count))

@@ -18,7 +18,8 @@ from .._machine.tables import is_by_tables
 from .._system.compliant import CompliantContact, CompliantStop
 from .._system.friction import Friction
 from .._system.system import ImpactSystem
-from .modal import ModalFlow, Modes
+from .modal import ModalFlow
+from .modal_tables import Modes
 from .modes import MAX_SETS, are_modes_accurate, modes_of_set, speeds_of
 
 

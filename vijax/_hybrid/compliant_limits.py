@@ -69,6 +69,7 @@ DEPTH = Limit(
     series=lambda machine, state, hold, series: scaled(-1, GAP.series(machine, state, hold, series)),
     leading_zeros=GAP.leading_zeros,
     near=GAP.near,
+    speed=lambda machine, state, hold: -machine.approach(state),
 )
 SPRING = Limit(
     event=OPEN,

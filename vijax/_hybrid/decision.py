@@ -34,7 +34,7 @@ from .._machine.machine import Machine
 from .._machine.state import SATURATED, State
 from .._machine.switching import FRICTION, RIGID
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
-from .just_after import just_after, sign_just_after
+from .just_after import just_after, sign_just_after, zeros_just_after
 
 # Number of elements at rest up to which all sets are tried, of friction of contacts: three contacts with friction each.
 _ENUMERATED, _ENUMERATED_OF_TIED = 5, 6
@@ -61,6 +61,7 @@ class Decision(NamedTuple):
         kept: flags of elements at rest whose row depends on those held; friction that gives way there has its grip.
         depends: flags of all other elements whose rows depend on those held.
         jumps: flags of elements that move away with an acceleration, not with a jerk alone.
+        begins: number of leading derivatives that vanish, of the room of elements that hold to their first and second bound.
         is_paradox: whether no set of acts stands; None without friction of contacts.
     """
 
@@ -69,7 +70,14 @@ class Decision(NamedTuple):
     kept: Bool[Array, "contacts ..."]
     depends: Bool[Array, "contacts ..."]
     jumps: Bool[Array, "contacts ..."]
+    begins: tuple[Int[Array, "contacts ..."], Int[Array, "contacts ..."]]
     is_paradox: Bool[Array, "..."] | None = None
+
+
+def no_decision(at_rest: AtRest) -> Decision:
+    """Nothing decided, in a search before its first set."""
+    none, still = jnp.zeros_like(at_rest.elements), jnp.zeros_like(at_rest.at_bound)
+    return Decision(still, none, none, none, none, (still, still))
 
 
 def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
@@ -77,8 +85,8 @@ def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
     machine, state = stop_gradients((machine, state))
     elements, is_tied = at_rest.elements, machine.has_tied_friction
     most = jnp.sum(jnp.where(elements, _worth(machine), 0), axis=0)
-    none, still = jnp.zeros_like(elements), jnp.zeros_like(at_rest.at_bound)
-    nothing = Decision(still, none, none, none, none)
+    still = jnp.zeros_like(at_rest.at_bound)
+    nothing = no_decision(at_rest)
     if is_tied:
         judge = lambda act: _judged_with_drag(machine, state, at_rest, act)  # noqa: E731
     else:
@@ -171,8 +179,10 @@ def _judged(
         room = [r + grips[0] for r in room]
         ahead, behind = ([a + g for a, g in zip(rates, grips[1:], strict=True)] for rates in (ahead, behind))
     room = [jnp.where(k & (jnp.abs(r) <= near), 0, r) for k, r in zip(known, room, strict=True)]
-    above = sign_just_after([room[0], *ahead], errors) < 0
-    below = sign_just_after([room[1], *behind], errors) < 0
+    rooms = [room[0], *ahead], [room[1], *behind]
+    above, below = (sign_just_after(values, errors) < 0 for values in rooms)
+    upper, lower = (jnp.where(holds, zeros_just_after(values, errors), 0) for values in rooms)
+    begins = jnp.where(friction, upper, lower), jnp.where(friction, lower, upper)
     motion = sign_just_after(moves, move_errors)
     carried = idle & (motion != 0) & ~(rigid & (motion > 0))
     if contacts.walls is None:
@@ -191,7 +201,7 @@ def _judged(
     worth = jnp.where(held | kept, _worth(machine), 0)
     score = jnp.sum(jnp.where(wrong, CONFLICT, worth), axis=0)
     jumps = jnp.abs(moves[0]) > move_errors[0]
-    return Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps))
+    return Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps, begins))
 
 
 def _tied_grips(machine: Machine, state: State, forces: list[Array], moves: list[Array]) -> list[Array]:

@@ -30,6 +30,7 @@ from .._machine.switching import FRICTION
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
 from .coupled_impacts import after_impulses, struck_speeds
 from .friction_limits import sliding_velocity
+from .own_times import not_differentiable
 from .transition import Instant
 
 # Number of elements up to which all sets are tried: three contacts with friction each.
@@ -69,6 +70,8 @@ def impact_with_friction(
     after = eqx.tree_at(lambda s: s.mode.paradox, after, is_paradox)
     rubbed = jnp.where(contacts.are_tied & contacts.at_normal(instant.hit), found.of_all, 0)
     instant = eqx.tree_at(lambda i: i.friction_impulse, instant, rubbed)
+    moved = not_differentiable(jnp.sum(instant.hit, axis=0) > 1, after.x, after.v)
+    after = eqx.tree_at(lambda s: (s.x, s.v), after, moved)
     return after, instant, is_open, found.of_all, found.sticks
 
 

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
-from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches
+from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches, rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
@@ -53,6 +53,10 @@ def _slip_series(machine: Machine, state: State, hold: Held, series: tuple[Array
     return scaled(state.mode.direction, behind(sliding_velocity(machine, state), later))
 
 
+def _deceleration(machine: Machine, state: State, hold: Held) -> Array:
+    return -_slip_rates(machine, state, hold, rates(machine, state, hold))[1] / machine.frequency
+
+
 SLIDING = Limit(
     event=STICK,
     is_active=lambda machine, state: state.mode.direction != 0,
@@ -64,6 +68,7 @@ SLIDING = Limit(
     series=_slip_series,
     leading_zeros=lambda state: state.contact,
     near=GAP.near,
+    speed=_deceleration,
 )
 
 

@@ -24,7 +24,7 @@ from .._machine.derivatives import Derivatives, Rates, approaches
 from .._machine.machine import Machine
 from .._machine.state import FROZEN, State
 from .._machine.switching import JENKINS
-from .just_after import just_after, sign_just_after
+from .just_after import just_after, sign_just_after, zeros_just_after
 from .limits import GAP, SLIP, Limit, Series, behind, each_order, scaled
 from .sticking import usual_speeds
 
@@ -67,6 +67,7 @@ def _stretch(side: int, leading_zeros: Any) -> Limit:
         series=partial(_room_series, side),
         near=GAP.near,
         leading_zeros=leading_zeros,
+        speed=lambda machine, state, hold: side * machine.contacts.along(state.v) / machine.frequency,
     )
 
 
@@ -156,6 +157,4 @@ def _motion_just_after(
     found = just_after(machine, state, force, hold)
     speed, rounding = _speeds(machine, state, at)
     values, errors = [speed, *found.moves[:2]], [rounding, *found.move_errors[:2]]
-    is_zero = [jnp.abs(a) <= error for a, error in zip(values, errors, strict=True)]
-    zeros = jnp.where(is_zero[0], jnp.where(is_zero[1], 2, 1), 0)
-    return zeros.astype(jnp.int8), sign_just_after(values, errors).astype(jnp.int8)
+    return zeros_just_after(values, errors), sign_just_after(values, errors).astype(jnp.int8)

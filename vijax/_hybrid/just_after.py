@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .._jax.arrays import matvec
 from .._machine.contacts import Held
@@ -85,6 +85,26 @@ def sign_just_after(
 ) -> Float[Array, "contacts ..."]:
     """Sign of a function just after an instant, from its value and derivatives there: of the first that is not rounding."""
     sign = jnp.zeros_like(values[0])
-    for value, error in zip(values[::-1], errors[::-1], strict=True):
-        sign = jnp.where(jnp.abs(value) <= error, sign, jnp.sign(value))
+    for value, is_zero in zip(values[::-1], _are_rounding(values, errors)[::-1], strict=True):
+        sign = jnp.where(is_zero, sign, jnp.sign(value))
     return sign
+
+
+def zeros_just_after(
+    values: list[Float[Array, "contacts ..."]], errors: list[Float[Array, "contacts ..."]]
+) -> Int[Array, "contacts ..."]:
+    """Number of leading ones, up to two, of a function and its derivatives that are rounding."""
+    is_zero = _are_rounding(values, errors)
+    return jnp.where(is_zero[0], jnp.where(is_zero[1], 2, 1), 0).astype(jnp.int8)
+
+
+def _are_rounding(values: list[Array], errors: list[Array]) -> list[Array]:
+    """Flags of values that are rounding errors.
+
+    Where a function touches zero, rounding moves the zero by the root of its error, where the slope is no longer rounding. What
+    counts is the extremum of the parabola.
+    """
+    is_zero = [jnp.abs(a) <= error for a, error in zip(values, errors, strict=True)]
+    _, slope, curvature = values
+    touches = is_zero[0] & (slope * curvature < 0) & (slope**2 <= 2 * errors[0] * jnp.abs(curvature))
+    return [is_zero[0], is_zero[1] | touches, is_zero[2]]

@@ -77,6 +77,8 @@ class Limit(NamedTuple):
         is_active: flags of the contacts in this mode, (contacts,).
         value: guard, (contacts,).
         slope: first time derivative of the guard.
+        speed: at which it vanishes: of approach to a contact, or of the change of a sliding velocity or a stretch over a radian
+            of the load; None for guards of forces.
         derivatives: the guard and its first time derivatives, as many as are exact.
         rest: bound of the next Taylor coefficient over a step, from bounds for positions and forces, see `Expansion.rest`.
         order: number of `derivatives`.
@@ -96,6 +98,7 @@ class Limit(NamedTuple):
     series: Callable[[Machine, State, Held, tuple[Array, ...]], Series]
     near: dict[str, float]
     leading_zeros: Callable[[State], Int[Array, "contacts ..."]] | None
+    speed: Callable[[Machine, State, Held], Array] | None = None
 
 
 # Most orders that are taken one after the other: they fuse with what follows. A whole series is one array, which compiles
@@ -160,6 +163,7 @@ GAP = Limit(
     series=_gap_series,
     near={"float64": 1e-3, "float32": 1e-2},
     leading_zeros=lambda state: state.contact,
+    speed=lambda machine, state, hold: machine.approach(state),
 )
 FORCE = Limit(
     event=RELEASE,

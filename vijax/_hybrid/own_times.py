@@ -8,6 +8,8 @@ linear impact law R (M. di Bernardo et al., Piecewise-smooth Dynamical Systems, 
 its old velocity as long. Where dampers join two masses that hit, the derivatives depend on which hits first: these are the mean of
 both orders. Contacts that share inertia, such as those of neighbours in a chain of touching masses, push each other: then the motion itself depends on
 the order, and has no derivative.
+
+With friction of contacts the delays are not followed: derivatives of impacts on several contacts at one instant are NaN there.
 """
 
 from collections.abc import Sequence
@@ -118,6 +120,26 @@ def _contacts_at_own_times_jvp(primals, tangents):
         v_change + gain,
         change + jnp.where(closed, 0, contacts.along(way)),
     )
+
+
+@eqx.filter_custom_jvp
+def not_differentiable(
+    where: Bool[Array, "..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
+) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+    """Positions and velocities, whose derivatives are NaN `where` they are not known."""
+    del where
+    return x, v
+
+
+@not_differentiable.def_jvp
+def _not_differentiable_jvp(primals, tangents):
+    where, x, v = primals
+    # A factor, as rules of differentiation must be linear.
+    factor = jnp.where(where, jnp.nan, 1).astype(x.dtype)
+    changes = tuple(
+        jnp.zeros_like(a) if t is None else t * factor for a, t in zip((x, v), tangents[1:], strict=True)
+    )
+    return (x, v), changes
 
 
 def _changes(found: tuple[Array, ...], tangents: Sequence) -> tuple[list[Array], Array | None]:

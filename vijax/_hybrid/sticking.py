@@ -24,7 +24,7 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
 
     Traced values give True. Lanes may stand last.
     """
-    if system.is_switching:
+    if system.friction or system.hysteresis:
         return True  # friction sticks
     for stop in system.stops:
         if not isinstance(stop, AbstractRigidLimit) or stop.motion is not None:

@@ -16,18 +16,20 @@ from .._jax.arrays import Flag, Scalar, matvec, with_derivative_of
 from .._jax.concrete import stop_gradients
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
-from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State, laws_as_numbers
+from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State
 from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._system.checks import is_touching
 from .coupled_impacts import impact
-from .decision import AtRest, Decision, decide
+from .decision import AtRest, Decision, decide, no_decision
+from .entries import logged
 from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
 from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
+from .guards import has_one_guard
 from .hysteresis_limits import at_limits, sliders_driven, sliders_settled
 from .sticking import usual_speeds
 from .tied_friction import loaded, unloaded
-from .transition import Instant, Switches, no_switches
+from .transition import Instant, no_switches
 
 
 def first_state(
@@ -45,13 +47,14 @@ def first_state(
     has_no_gap = friction if JENKINS not in contacts.laws.kinds else contacts.has_no_gap
     touching = ~has_no_gap & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
     x = with_derivative_of(contacts.with_closed_gaps(x, touching, phase), x)
-    speeds = contacts.speeds(v, machine.phase_rate(phase))
+    phase_rate = machine.phase_rate(phase)
+    speeds = contacts.speeds(v, phase_rate)
     size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)
     # Where masses rest, their velocities are rounding errors of those that the machine has elsewhere.
     state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     usual = usual_speeds(machine, state) + jnp.where(friction, machine.rate * contacts.size(jnp.abs(x)), 0)
     at_rest = (touching | friction) & is_touching(speeds, 4 * (size + usual))
-    v = with_derivative_of(contacts.without_speeds(v, at_rest, phase), v)
+    v = with_derivative_of(contacts.without_speeds(v, at_rest, phase_rate), v)
     state = eqx.tree_at(lambda s: s.v, state, v)
     gap, speeds = with_derivative_of(jnp.where(touching, 0, state.gap), gaps), jnp.where(at_rest, 0, speeds)
     past = compliant & ((gap < 0) | (touching & (speeds > 0)))
@@ -170,23 +173,8 @@ def _switch(
     at_limit = jnp.zeros_like(hit)
     if COMPLIANT in contacts.laws.kinds:
         state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
-    direction = state.mode.direction
-    # An impact without rebound may end the sliding of an element along its row. Elements side by side arrive together.
-    size = contacts.size(jnp.abs(before.v)) + jnp.abs(contacts.laws.velocity)
-    size = size + jnp.where(is_struck, 0, usual_speeds(machine, before))
-    arrives = is_now & friction & (direction != 0) & (events.first & ~is_struck | _is_rounding(speed, size))
-    events = Zeros(events.first | arrives & ~is_struck, events.second)
-    is_stopped = friction & is_struck & _is_rounding(speed, size)
-    is_stopped = is_stopped if sticks is None else is_stopped | sticks
-    arrives = arrives | is_stopped
-    new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
-    direction = jnp.where(arrives, 0, new).astype(jnp.int8)
-    # Friction beside a contact that held slides as soon as an impact tears that away.
-    contact = jnp.where(friction & is_set_off, jnp.int8(0), state.contact)
-    names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
-    state = eqx.tree_at(names, state, (direction, stays & before.held, contact))
-    if sticks is not None:
-        state = unloaded(machine, state, stays | state.mode.closed)
+    struck = _Struck(speed, is_struck, is_set_off, stays)
+    state, arrives, events, size = _friction_switched(machine, before, state, events, struck, is_now, sticks)
 
     chatter, none = no_chatter(state), jnp.zeros_like(hit)
     if RIGID in contacts.laws.kinds:
@@ -228,7 +216,61 @@ def _switch(
     if sliders is not None:
         after = compute_once(sliders_settled, machine, after, sliders)
     after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
-    return after, logged(machine, before, after, instant, events, duration)
+    ended = jnp.where(events.first, 1, 2 * events.second)
+    return after, logged(machine, before, after, instant, ended, duration)
+
+
+class _Struck(NamedTuple):
+    """Elements behind the impacts of an instant.
+
+    Attributes:
+        speed: speeds of approach and sliding velocities, (contacts,).
+        flags: flags of the elements whose speed the impacts change, (contacts,).
+        is_set_off: flags of those among them that were at rest.
+        stays: flags of the elements that stay at rest.
+    """
+
+    speed: Float[Array, "contacts ..."]
+    flags: Bool[Array, "contacts ..."]
+    is_set_off: Bool[Array, "contacts ..."]
+    stays: Bool[Array, "contacts ..."]
+
+
+def _friction_switched(
+    machine: Machine,
+    before: State,
+    state: State,
+    events: Zeros,
+    struck: _Struck,
+    is_now: Flag,
+    sticks: Bool[Array, "stops ..."] | None,
+) -> tuple[State, Bool[Array, "contacts ..."], Zeros, Float[Array, "contacts ..."]]:
+    """State with friction that arrives at rest or is set off, flags of what arrives, zeros, and sizes of the velocities."""
+    contacts = machine.contacts
+    friction = contacts.are(FRICTION)
+    direction = state.mode.direction
+    # An impact without rebound may end the sliding of an element along its row. Elements side by side arrive together.
+    size = contacts.size(jnp.abs(before.v)) + jnp.abs(contacts.laws.velocity)
+    size = size + jnp.where(struck.flags, 0, usual_speeds(machine, before))
+    arrives = (
+        is_now
+        & friction
+        & (direction != 0)
+        & (events.first & ~struck.flags | _is_rounding(struck.speed, size))
+    )
+    events = Zeros(events.first | arrives & ~struck.flags, events.second)
+    is_stopped = friction & struck.flags & _is_rounding(struck.speed, size)
+    is_stopped = is_stopped if sticks is None else is_stopped | sticks
+    arrives = arrives | is_stopped
+    new = jnp.where(friction & struck.flags, jnp.sign(struck.speed), direction)
+    direction = jnp.where(arrives, 0, new).astype(jnp.int8)
+    # Friction beside a contact that held slides as soon as an impact tears that away.
+    contact = jnp.where(friction & struck.is_set_off, jnp.int8(0), state.contact)
+    names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
+    state = eqx.tree_at(names, state, (direction, struck.stays & before.held, contact))
+    if sticks is not None:
+        state = unloaded(machine, state, struck.stays | state.mode.closed)
+    return state, arrives, events, size
 
 
 def _is_rounding(speed: Array, size: Array) -> Bool[Array, "contacts ..."]:
@@ -295,7 +337,8 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     slips = jnp.where(found.kept, SATURATED, 1) * found.act
     direction = jnp.where(elements & friction, slips, mode.direction).astype(jnp.int8)
     paradox = None if mode.paradox is None else mode.paradox | found.is_paradox
-    mode = Mode(mode.closed | yields, mode.inside, direction, mode.begins, paradox)
+    begins = jnp.where(found.held, found.begins[1], mode.begins)
+    mode = Mode(mode.closed | yields, mode.inside, direction, begins, paradox)
     state = eqx.tree_at(lambda s: s.mode, state, mode)
     held = state.held | found.held
     if paradox is not None:
@@ -309,7 +352,10 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     gap = jnp.where((held | found.kept) & ~friction, 0, state.gap)
     # The guard of friction is a velocity, and vanishes to one order less than a gap.
     moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3)) - friction.astype(jnp.int8)
-    contact = jnp.where(found.held, jnp.int8(0), jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
+    # Nor does one that holds give way at once: what is zero of its room is no event. Both rooms may have one guard.
+    first, second = found.begins
+    holds = jnp.maximum(first, second) if has_one_guard(machine) else first
+    contact = jnp.where(found.held, holds, jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
     contact = jnp.where(elements, contact, state.contact)
     # On a belt a gap still changes.
     is_still = _is_rounding(contacts.speeds(v, machine.phase_rate(state.phase)), contacts.size(jnp.abs(v)))
@@ -345,49 +391,7 @@ def _decided_with(
 
     none = jnp.zeros_like(lightest)
     is_paradox = None if state.mode.paradox is None else jnp.zeros_like(state.mode.paradox)
-    start = Decision(jnp.zeros_like(at_rest.at_bound), none, none, none, none, is_paradox)
+    start = no_decision(at_rest)._replace(is_paradox=is_paradox)
     first = (start, none, jnp.zeros_like(none[0]), jnp.array(0))
     found, among, *_ = jax.lax.while_loop(goes_on, once_more, first)
     return found, AtRest(among, at_rest.at_bound)
-
-
-def logged(
-    machine: Machine,
-    before: State,
-    after: State,
-    instant: Instant,
-    events: Zeros,
-    duration: Float[Array, "contacts ..."],
-) -> Instant:
-    """Events of this instant, from the modes before and after it."""
-    contacts = machine.contacts
-    rigid, compliant, friction = (contacts.are(kind) for kind in (RIGID, COMPLIANT, FRICTION))
-    rests = lambda s: s.held | s.is_kept_closed  # noqa: E731
-    pushes = lambda s: compliant & (s.mode.closed | s.held)  # noqa: E731
-    is_tied = machine.has_tied_friction
-    comes, goes = ~rests(before) & rests(after), rests(before) & ~rests(after)
-    old, new = before.mode.direction, after.mode.direction
-    # The direction after an impact is no event of its own: only that at a zero of the sliding velocity is.
-    turned = friction & events.first & (old * new == -1)
-    unlogged = (before.held != after.held) | (before.mode.inside != after.mode.inside)
-    switched = Switches(
-        closed=pushes(after) & ~pushes(before),
-        opened=pushes(before) & ~pushes(after),
-        slipped=friction & goes & (after.contact != UNLOADED) if is_tied else friction & goes,
-        turned=turned,
-        unlogged=unlogged,
-        ended=jnp.where(events.first, jnp.int8(1), 2 * events.second.astype(jnp.int8)),
-        before=laws_as_numbers(before),
-        after=laws_as_numbers(after),
-    )
-    stuck = comes & ~compliant
-    if JENKINS in contacts.laws.kinds:
-        # One without a limit stops and slips the other way at once.
-        changes = contacts.are(JENKINS) & (old != new)
-        stuck = stuck | changes & (old != 0)
-        switched = eqx.tree_at(lambda s: s.slipped, switched, switched.slipped | changes & (new != 0))
-    return eqx.tree_at(
-        lambda i: (i.stuck, i.released, i.chatter, i.switched),
-        instant,
-        (stuck, rigid & goes, jnp.where(stuck, duration, 0), switched),
-    )

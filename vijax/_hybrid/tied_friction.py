@@ -36,8 +36,15 @@ def unloaded(machine: Machine, state: State, presses: Bool[Array, "contacts ..."
     return eqx.tree_at(names, state, (direction, state.held & ~is_idle, contact))
 
 
-def in_laws(machine: Machine, state: State, numbers: Int[Array, "contacts ..."]) -> State:
-    """State in which the elements do what `laws_as_numbers` tells; free friction of contacts is that of open ones."""
+def in_laws(
+    machine: Machine, state: State, numbers: Int[Array, "contacts ..."] | Bool[Array, "contacts ..."]
+) -> State:
+    """State in which the elements do what `laws_as_numbers` tells; free friction of contacts is that of open ones.
+
+    Of rigid contacts alone the numbers are flags of those that hold.
+    """
+    if state.mode is None:
+        return eqx.tree_at(lambda s: s.held, state, numbers)
     state = with_laws(state, numbers)
     if not machine.has_tied_friction:
         return state
@@ -92,7 +99,7 @@ def _stops_before(
     here = machine.in_mode(eqx.tree_at(lambda s: s.held, state, held))
     contacts = here.contacts
     hold = contacts.hold(held)
-    v = contacts.without_speeds(state.v, held, state.phase)
+    v = contacts.without_speeds(state.v, held, machine.phase_rate(state.phase))
     speed = contacts.speeds(v, machine.phase_rate(state.phase))
     gain = contacts.along(contacts.accelerations(here.total_force(state), hold, state.phase))
     return state.mode.direction * (speed + duration * gain) <= 0

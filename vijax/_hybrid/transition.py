@@ -38,8 +38,10 @@ class Switches(eqx.Module):
         return self.closed | self.opened | self.slipped | self.turned | self.unlogged
 
 
-def no_switches(state: State) -> Switches:
-    """No events of friction and compliant contacts, in the mode of a state."""
+def no_switches(state: State) -> Switches | None:
+    """No events of friction and compliant contacts, in the mode of a state; None if all contacts are rigid."""
+    if state.mode is None:
+        return None
     none, laws = jnp.zeros_like(state.held), laws_as_numbers(state)
     return Switches(none, none, none, none, none, jnp.zeros_like(laws), laws, laws)
 

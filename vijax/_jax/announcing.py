@@ -31,7 +31,7 @@ _listener = _Listener()
 
 
 def is_announced() -> bool:
-    """Flag of being within a call that is told of what compiles."""
+    """Flag of being within a call that announces what compiles."""
     return _listener.tell is not None
 
 

@@ -1,4 +1,4 @@
-"""Where compiled programs are kept from one process to the next."""
+"""Folders that keep compiled programs from one process to the next."""
 
 import os
 from pathlib import Path

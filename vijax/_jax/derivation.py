@@ -20,7 +20,7 @@ Flags = tuple[bool, ...]
 values, tangents = map(Primitive, ("values", "tangents"))
 
 
-class Layer(NamedTuple):
+class BatchAxis(NamedTuple):
     """One axis of a batch.
 
     Attributes:
@@ -65,13 +65,13 @@ class Derivation(NamedTuple):
     """A function, the axes of a batch from the inside out, and flags of the inputs that move and of the wanted results."""
 
     functions: Functions
-    layers: tuple[Layer, ...] = ()
+    layers: tuple[BatchAxis, ...] = ()
     moves: Flags = ()
     wanted: Flags = ()
 
 
 @lru_cache(CACHE_SIZE)
-def values_of(functions: Functions, layers: tuple[Layer, ...]) -> Callable:
+def values_of(functions: Functions, layers: tuple[BatchAxis, ...]) -> Callable:
     """`Functions.values` of a batch."""
     if not layers:
         return functions.values
@@ -86,7 +86,7 @@ def values_of(functions: Functions, layers: tuple[Layer, ...]) -> Callable:
     return Traced(of_all, functions.compiled)
 
 
-def _in_turn(function: Callable, layer: Layer, fixed: Arrays, x: Arrays, *rest: Arrays) -> Any:
+def _in_turn(function: Callable, layer: BatchAxis, fixed: Arrays, x: Arrays, *rest: Arrays) -> Any:
     """Call a function for one member of the batch after another; `rest` has the batch axis first."""
     pairs = list(zip([*fixed, *x], chain(*layer.axes), strict=True))
     own = [None if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in pairs]
@@ -144,7 +144,7 @@ def _of_moving(smooth: Callable, moves: Flags, fixed: Arrays, x: Arrays) -> tupl
 
 
 def _along_lanes(
-    smooth_of: Callable, wanted: Flags, moves: Flags, layer: Layer, fixed: Arrays, x: Arrays, dx: Arrays
+    smooth_of: Callable, wanted: Flags, moves: Flags, layer: BatchAxis, fixed: Arrays, x: Arrays, dx: Arrays
 ) -> Arrays:
     """`_along` of a batch, whose lanes have tangents of their own of what they share."""
     of_fixed, of_x = layer.axes
@@ -173,7 +173,7 @@ def _with_axis_inside(push: Callable, place: int, fixed: Arrays, x: Arrays, dx: 
     return [jnp.moveaxis(a, place, 0) for a in found]
 
 
-def members(layers: tuple[Layer, ...], moves: Flags, dx: Arrays) -> Arrays:
+def members(layers: tuple[BatchAxis, ...], moves: Flags, dx: Arrays) -> Arrays:
     """Tangents of the entries of `x` that move, with the axes of a batch first."""
     if not layers:
         return dx

@@ -28,10 +28,10 @@ from jaxtyping import PyTree
 
 from .derivation import (
     Arrays,
+    BatchAxis,
     Derivation,
     Flags,
     Functions,
-    Layer,
     axis_last,
     lanes_first,
     members,
@@ -115,10 +115,10 @@ def _functions(given: tuple, structures: tuple, others: tuple, *kinds: tuple) ->
         y, _ = of_lists(lambda tree: function(tree, flags), fixed, x)
         return [a for a, yes in zip(y, wanted, strict=True) if yes]
 
-    def of_many(layer: Layer, fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
+    def of_many(layer: BatchAxis, fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
         return of_lists(lambda tree: many(tree, layer.size), *map(axis_last, (fixed, x), layer.axes))
 
-    def smooth_of_many(layer: Layer, wanted: Flags, fixed: Arrays, x: Arrays) -> Arrays:
+    def smooth_of_many(layer: BatchAxis, wanted: Flags, fixed: Arrays, x: Arrays) -> Arrays:
         own = lambda tree, flags: smooth_many(tree, flags, layer.size)  # noqa: E731
         return flagged(wanted, own, *map(axis_last, (fixed, x), layer.axes))
 
@@ -191,11 +191,11 @@ def _shapes_of(function: Callable, *parts: Arrays) -> Any:
     return function.shapes(*parts) if isinstance(function, Traced) else jax.eval_shape(function, *parts)
 
 
-def _of_lanes(layers: tuple[Layer, ...]) -> tuple[Layer, ...]:
+def _of_lanes(layers: tuple[BatchAxis, ...]) -> tuple[BatchAxis, ...]:
     return tuple(layer for layer in layers if not layer.is_of_tangents)
 
 
-def _with_tangents(shape: tuple[int, ...], layers: tuple[Layer, ...]) -> tuple[int, ...]:
+def _with_tangents(shape: tuple[int, ...], layers: tuple[BatchAxis, ...]) -> tuple[int, ...]:
     """Shape with the axes of layers that only tangents have."""
     own = list(shape)
     for k, layer in enumerate(reversed(layers)):
@@ -249,7 +249,7 @@ def _of_tangents(derivation: Derivation, sizes: tuple[int, ...]) -> Derivation:
 def _batch(primitive: Primitive, row: Any, axes: Any, *, derivation: Derivation, sizes: tuple[int, ...]):
     size = next(a.shape[axis] for a, axis in zip(row, axes, strict=True) if axis is not None)
     (fixed, x, *dx), (of_fixed, of_x, *of_dx) = _parts(row, sizes), _parts(axes, sizes)
-    layer = Layer((tuple(of_fixed), tuple(of_x)), size)
+    layer = BatchAxis((tuple(of_fixed), tuple(of_x)), size)
     dx = [lanes_first(a, axis, size) for a, axis in zip(*dx, *of_dx, strict=True)] if dx else []
     derivation = derivation._replace(layers=(*derivation.layers, layer))
     found = primitive.bind(*fixed, *x, *dx, derivation=derivation, sizes=sizes)

@@ -156,7 +156,7 @@ def compute_once(function: Callable, *args):
 
 
 class _Parts(threading.local):
-    """Whether the outermost calls of `compute_once` and `as_part` are kernels now."""
+    """Flag of the outermost calls of `compute_once` and `as_part` being kernels now."""
 
     are_kernels = False
 

@@ -28,6 +28,7 @@ from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._system.restitution import Restitution, coefficient, light_coefficient
 from .._system.waves import Waves, phase_rate
+from .kinds import RIGID
 from .small_matrices import diagonal, inverse_among, slack_of
 
 # Contacts that hold, and their effect on the motion: a `Hold`; for `Stops` the flags of the masses at rest, (n, ...).
@@ -105,6 +106,11 @@ class Contacts(eqx.Module):
     def num(self) -> int:
         """Number of contacts."""
         return len(self.rows)
+
+    @property
+    def kinds(self) -> tuple[int, ...]:
+        """Kind of every element: all are rigid."""
+        return (RIGID,) * self.num
 
     @property
     def num_stops(self) -> int:
@@ -200,6 +206,11 @@ class Contacts(eqx.Module):
         """Flags of rigid contacts, or True if all are."""
         return True
 
+    @property
+    def has_gap(self) -> Bool[Array, "contacts ..."] | bool:
+        """Flags of elements with a gap, or True if all have one."""
+        return True
+
     def speeds(self, v: Float[Array, "n ..."], phase_rate: Array) -> Float[Array, "contacts ..."]:
         """Speeds of approach."""
         return self.towards(v, phase_rate)
@@ -208,7 +219,7 @@ class Contacts(eqx.Module):
         """Gaps after a displacement at one instant; those of closed contacts are zero."""
         return jnp.where(closed, 0, gap - self.along(displacement))
 
-    def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
+    def gap_after(self, gap: Array, held: Array | bool, displacement: Array, change: Array) -> Array:
         """Gaps after a displacement and a change of phase, rounded relative to that change; held gaps stay closed."""
         return jnp.where(held, gap, gap - self.towards(displacement, change))
 
@@ -217,9 +228,12 @@ class Contacts(eqx.Module):
         rest = self.size(x_rest)
         return rest if self.walls is None else rest + self.frequency**4 / 24 * self.walls.bound(4)
 
-    def sharing_mass(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
-        """No flags: gaps are updated by displacements, never recomputed."""
-        return jnp.zeros_like(flags)
+    def gap_placed(
+        self, gap: Array, closed: Array, held: Array, displacement: Array, x: Array, phase: Array
+    ) -> Array:
+        """Gaps after the displacement to `x` that closes some gaps at an event of a cycle, behind which others are held."""
+        del held, x, phase
+        return self.gap_moved(gap, closed, displacement)
 
     def hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """Effect of holding; not computed where no contact is held in any lane."""
@@ -357,6 +371,12 @@ class Contacts(eqx.Module):
     ) -> Float[Array, "n ..."]:
         """Velocities after plastic impacts on the flagged contacts, which are then not approached."""
         return self.with_approach(v, held, jnp.zeros_like(self.limit), phase_rate)
+
+    def without_speeds(
+        self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase_rate: Array
+    ) -> Float[Array, "n ..."]:
+        """Velocities without those that the flagged elements stop."""
+        return self.with_zero_approach(v, flags, phase_rate)
 
     def with_approach(
         self,

@@ -24,7 +24,7 @@ from .extra_force import ExtraForce
 from .frame import Frame
 from .numbers import MachineNumbers
 from .rate_bounds import of_unit_mass, rate_of_motion, rate_with_closed
-from .state import State, idle_mode, start_period
+from .state import ModeLayout, State, start_period
 from .stops import Stops
 from .switching import COMPLIANT, JENKINS, SwitchingContacts
 from .tables import Knots, Tables, prepare_tables
@@ -338,7 +338,17 @@ class Machine(eqx.Module):
     @property
     def has_tied_friction(self) -> bool:
         """True if there is friction of contacts."""
-        return self.contacts.is_switching and self.contacts.laws.is_tied
+        return self.mode_layout is not None and self.mode_layout.is_tied
+
+    @property
+    def mode_layout(self) -> ModeLayout | None:
+        """Layout of the mode of a state; None if all contacts are rigid."""
+        return ModeLayout(self.contacts.laws.is_tied) if self.contacts.is_switching else None
+
+    @property
+    def is_linear(self) -> bool:
+        """True if all forces are linear between impacts: without a force of the user, friction and compliant contacts."""
+        return self.extra is None and not self.contacts.is_switching
 
     def approach(self, state: State) -> Float[Array, "stops ..."]:
         """Speeds of approach to the contacts."""
@@ -392,7 +402,7 @@ def state_before_contact(
         gap=gap,
         held=held,
         contact=jnp.zeros(gap.shape, jnp.int8),
-        mode=idle_mode(gap, is_tied=machine.has_tied_friction) if machine.contacts.is_switching else None,
+        mode=None if machine.mode_layout is None else machine.mode_layout.idle(gap),
         knots=None if machine.tables is None else _first_knots(machine.tables, zero),
     )
 

@@ -18,6 +18,7 @@ from .._system.load import is_constant
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
 from .._system.waves import Tones, Waves
+from .state import ModeLayout
 from .switching import Laws, laws_of
 from .tables import KnotsLayout, TableNumbers, tables_of
 
@@ -93,6 +94,11 @@ class MachineNumbers(eqx.Module):
         _, orders, n = self.tables[0].rows.shape[:3]
         in_step = tuple(table.is_in_step for table in self.tables)
         return KnotsLayout.of(in_step, self.waves.num_harmonics, orders // 2 * n)
+
+    @property
+    def mode_layout(self) -> ModeLayout | None:
+        """Layout of the mode of a state; None if all contacts are rigid."""
+        return None if self.laws is None else ModeLayout(self.laws.is_tied)
 
     @property
     def num_stops(self) -> int:

@@ -1,6 +1,6 @@
 """Hybrid state of a motion."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -88,10 +88,15 @@ class State(eqx.Module):
         return none if self.mode is None else jnp.concatenate([none, none])
 
 
-def idle_mode(like: Float[Array, "contacts ..."], *, is_tied: bool = False) -> Mode:
-    """Mode in which no element acts on the masses; `is_tied` with friction of contacts."""
-    none, zero = jnp.zeros(like.shape, bool), jnp.zeros(like.shape, jnp.int8)
-    return Mode(none, none, zero, zero, jnp.zeros(like.shape[1:], bool) if is_tied else None)
+class ModeLayout(NamedTuple):
+    """Layout of the `Mode` of a machine; `is_tied` with friction of contacts."""
+
+    is_tied: bool
+
+    def idle(self, like: Float[Array, "contacts ..."]) -> Mode:
+        """Mode in which no element acts on the masses."""
+        none, zero = jnp.zeros(like.shape, bool), jnp.zeros(like.shape, jnp.int8)
+        return Mode(none, none, zero, zero, jnp.zeros(like.shape[1:], bool) if self.is_tied else None)
 
 
 # What an element does, as one number. Rigid contacts are free, held or kept closed by others. Sequences of cycles tell

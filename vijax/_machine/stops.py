@@ -59,7 +59,7 @@ class Stops(Contacts):
         """Without a case for contacts between masses."""
         return self.signs * towards
 
-    def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
+    def gap_after(self, gap: Array, held: Array | bool, displacement: Array, change: Array) -> Array:
         """Without a case for held gaps: their masses do not move; nor for the phase: stops stand still."""
         del held, change
         return gap - self.along(displacement)
@@ -77,6 +77,14 @@ class Stops(Contacts):
         """Flags of contacts with a mass of a flagged contact: their gaps are recomputed."""
         masses = self.masses_of(flags)
         return jnp.any(self.acts_on & masses[None], axis=1) if self.num else flags
+
+    def gap_placed(
+        self, gap: Array, closed: Array, held: Array, displacement: Array, x: Array, phase: Array
+    ) -> Array:
+        """Gaps of the stops that share a mass with a closed one are recomputed: counted on, they would keep the displacement."""
+        del held
+        counted_on = gap - self.along(displacement)
+        return jnp.where(closed, 0, jnp.where(self.sharing_mass(closed), self.gaps(x, phase), counted_on))
 
     def hold(self, held: Bool[Array, "contacts ..."]) -> Held:
         """Flags of the masses at rest, (n, ...)."""

@@ -28,10 +28,9 @@ from .._system.restitution import Restitution
 from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
 from .contacts import Contacts, Hold
+from .kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .small_matrices import diagonal, inverse_of_block
 from .state import SATURATED, Mode, State
-
-RIGID, COMPLIANT, FRICTION, JENKINS = 0, 1, 2, 3
 
 
 class Laws(eqx.Module):
@@ -157,6 +156,11 @@ class SwitchingContacts(Contacts):
         self.laws, self.drag = laws, None
 
     @property
+    def kinds(self) -> tuple[int, ...]:
+        """Kind of every element."""
+        return self.laws.kinds
+
+    @property
     def num_stops(self) -> int:
         """Number of contacts, rigid and compliant, which come before friction."""
         return self.laws.num_stops
@@ -174,6 +178,11 @@ class SwitchingContacts(Contacts):
     def has_no_gap(self) -> Bool[Array, "contacts ..."]:
         """Flags of friction and Jenkins elements, which resist velocities."""
         return append_axes(jnp.asarray(self.laws.has_no_gap), self.limit)
+
+    @property
+    def has_gap(self) -> Bool[Array, "contacts ..."]:
+        """Flags of contacts, rigid and compliant."""
+        return ~self.has_no_gap
 
     def stretches(self, v: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Stretches of Jenkins elements, the last velocities; 0 for all others."""
@@ -205,6 +214,14 @@ class SwitchingContacts(Contacts):
         """Gaps after a displacement at one instant, without those of friction."""
         return jnp.where(self.has_no_gap & ~closed, gap, super().gap_moved(gap, closed, displacement))
 
+    def gap_placed(
+        self, gap: Array, closed: Array, held: Array, displacement: Array, x: Array, phase: Array
+    ) -> Array:
+        """Gaps after a displacement, those of contacts that hold closed; 1 for elements without."""
+        del x, phase
+        moved = self.gap_moved(gap, closed, displacement)
+        return jnp.where(held & self.has_gap, 0, jnp.where(self.has_gap, moved, 1))
+
     def speeds(self, v: Float[Array, "n ..."], phase_rate: Array) -> Float[Array, "contacts ..."]:
         """Speeds of approach to contacts, and sliding velocities of friction."""
         return self.towards(v, phase_rate) - self.laws.velocity
@@ -213,7 +230,7 @@ class SwitchingContacts(Contacts):
         """Gaps of contacts; 1 for elements without, which are never closed."""
         return jnp.where(self.has_no_gap, 1, self.limit - self.towards(x, phase))
 
-    def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
+    def gap_after(self, gap: Array, held: Array | bool, displacement: Array, change: Array) -> Array:
         """Gaps after a displacement, without those of friction."""
         return jnp.where(held | self.has_no_gap, gap, gap - self.towards(displacement, change))
 
@@ -249,10 +266,10 @@ class SwitchingContacts(Contacts):
         return x + way, v - self._by(self.inertia_among(held), lack)
 
     def without_speeds(
-        self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
+        self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Velocities without approach or sliding of flagged elements, nearest to v in the metric of M."""
-        lack = jnp.where(flags, self.speeds(v, phase_rate(phase, self.frequency)), 0)
+        lack = jnp.where(flags, self.speeds(v, phase_rate), 0)
         return v - self._by(self.inertia_among(flags), lack)
 
     def third_rest(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:

@@ -45,7 +45,7 @@ class ReversedForce(eqx.Module):
 
 
 def no_inverse(system: AnySystem) -> str:
-    """Why the motion of a machine cannot be reversed; empty if it can, but for motions that stick."""
+    """Reason why the motion of a machine cannot be reversed; empty if it can, but for motions that stick."""
     if not isinstance(system.forcing, Harmonic):
         return "its load is not a single `vx.Harmonic`, of which alone the reversed one is known"
     if system.friction:

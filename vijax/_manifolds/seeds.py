@@ -1,4 +1,4 @@
-"""Where the manifolds of a saddle begin: which of them are curves, and the lines along their eigenvectors."""
+"""Beginnings of the manifolds of a saddle: those that are curves, and the lines along their eigenvectors."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -44,7 +44,7 @@ def kinds_of(orbit: PeriodicOrbit, which: Kind | Sequence[Kind] | None) -> list[
 
 
 def _why_not(orbit: PeriodicOrbit, kind: Kind) -> str:
-    """Why a manifold cannot be followed; empty if it can."""
+    """Reason why a manifold cannot be followed; empty if it can."""
     size, is_stable = np.abs(np.asarray(orbit.multipliers)), kind == "stable"
     count = int((size < 1 - _ON_CIRCLE).sum() if is_stable else (size > 1 + _ON_CIRCLE).sum())
     if count != 1:

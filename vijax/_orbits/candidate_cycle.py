@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from .._hybrid.limits import TURN
 from .._jax.arrays import Scalar
 from .._jax.xla import is_any
+from .._machine.kinds import FRICTION
 from .condensation import Pencil
 from .cycle import Problem, Unknowns, residual
 from .floquet import floquet_multipliers, with_phase
@@ -43,7 +44,8 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
     z, sequence, size = polished.unknowns.z, problem.sequence, scale_of(problem, polished.unknowns.z)
     # A cycle that begins within a chatter is faster elsewhere: the speeds of its impacts count in its size.
     speeds = polished.residual.speed
-    speeds = jnp.where(sequence.kind == TURN, 0, speeds) if sequence.is_switching else speeds
+    if FRICTION in problem.machine.contacts.kinds:  # at a turn it is a force
+        speeds = jnp.where(sequence.kind == TURN, 0, speeds)
     fastest = jnp.max(jnp.abs(speeds), initial=0)
     size = size * jnp.maximum(1, fastest / size[-1])
     cycle = Cycle(

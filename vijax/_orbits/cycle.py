@@ -16,13 +16,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.across_knots import flow_map_across_knots
 from .._flow.interface import AbstractFlow
-from .._hybrid.law import rebound
-from .._hybrid.limits import IMPACT, limits_of
-from .._hybrid.sticking import chatter_time
 from .._hybrid.tied_friction import in_laws
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
-from .._machine.derivatives import rates
+from .._machine.kinds import RIGID
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, State
@@ -31,7 +28,7 @@ from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
 from .rigid_modes import closing_pin, of_positions
 from .sequence import NOTHING, Sequence, held_in
-from .switching_events import leading_zeros_of, switched_end, switched_instant, with_stretches_of
+from .switching_events import Event, end_of_flight, instant_of, leading_zeros_of, with_stretches_of
 
 # MOMENT: duration, in forcing periods, below which a flight has none when residuals are divided by it.
 MOMENT = 1e-12
@@ -57,8 +54,8 @@ class Residual(NamedTuple):
     Attributes:
         events: gaps at the impacts, contact forces at the releases, (events,).
         closing: the state at the end minus the state at the start, (2 n,).
-        speed: of approach to the stop at each impact, 0 for other events, (events,).
-        grip: that each impact leaves, see `SwitchedEnd`, (events, stops); None without friction of contacts.
+        speed: at which the guard of each event vanishes, see `EndOfFlight`, (events,).
+        grip: that each impact leaves, see `EndOfFlight`, (events, stops); None without friction of contacts.
     """
 
     events: Float[Array, " events"]
@@ -102,22 +99,12 @@ class Problem(eqx.Module):
 
 
 class Moment(NamedTuple):
-    """State `z`, time in forcing periods, gaps accumulated since the last contact; `grip` of the event before, see `SwitchedEnd`."""
+    """State `z`, time in forcing periods, gaps accumulated since the last contact; `grip` of the event before, see `EndOfFlight`."""
 
     z: Array
     time: Array
     gap: Array
     grip: Any = None
-
-
-class Event(NamedTuple):
-    """The event at the end of a flight, and the modes before and after it, see `Sequence`; for `zeros` `leading_zeros_of`."""
-
-    kind: Int[Array, ""]
-    stop: Int[Array, ""]
-    mode: Int[Array, " stops"] | Bool[Array, " stops"]
-    mode_after: Int[Array, " stops"] | Bool[Array, " stops"]
-    zeros: Any = None
 
 
 def prepared(
@@ -212,6 +199,45 @@ def slider_pin(problem: Problem, scale: Float[Array, " state"]) -> Float[Array, 
     return jnp.concatenate([zeros, stretches], axis=1).T @ (is_stuck[:, None] * places)
 
 
+class LinearCourse(NamedTuple):
+    """Moments at which the flights of a cycle begin, and what tells their rates along any direction.
+
+    States and derivatives are those of `Flights`.
+
+    Attributes:
+        begins: the moments, (events + 1, ...) each.
+        begin: see `Flights`.
+        forward: likewise.
+        speed: derivative of the approach speed at each event, (events, next + 1).
+        grip: likewise of `Moment.grip` behind it, (events, stops, next + 1); None without friction of contacts.
+    """
+
+    begins: Moment
+    begin: Float[Array, "next free"]
+    forward: Float[Array, "events next given"]
+    speed: Float[Array, "events given"]
+    grip: Any = None
+
+    def rates(
+        self, start: Float[Array, " free"], flights: Float[Array, " events"], scale: Float[Array, " state"]
+    ) -> tuple[Moment, Float[Array, " events"]]:
+        """Rates of the moments, and of the approach speeds, by those of the scaled start and parameter and the durations."""
+
+        def one(state: Array, flight: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+            forward, duration = flight
+            given = jnp.append(state, duration)
+            return forward @ given, (state, given)
+
+        last, (states, given) = jax.lax.scan(one, self.begin @ start, (self.forward, flights))
+        states, size = jnp.concatenate([states, last[None]]), len(scale)
+        grip = self.begins.grip
+        if grip is not None:
+            grip = jnp.zeros_like(grip).at[1:].set(jnp.einsum("esg,eg->es", self.grip, given))
+        gap = jnp.zeros_like(self.begins.gap)  # each flight has the derivatives of its own positions
+        moments = Moment(states[:, :size] * scale[None], states[:, size], gap, grip)
+        return moments, jnp.sum(self.speed * given, axis=1)
+
+
 def linearise(
     problem: Problem,
     unknowns: Unknowns,
@@ -228,6 +254,29 @@ def linearise(
         count: number of flights that end with an event, see `over_flights`.
         change: derivatives of the machine and its flow by a parameter, which is then one of the unknowns.
     """
+    return _linearise(problem, unknowns, scale, count, change, has_course=False)[:2]
+
+
+def linearise_course(
+    problem: Problem,
+    unknowns: Unknowns,
+    scale: Float[Array, " state"],
+    count: Int[Array, ""] | None = None,
+    change: tuple | None = None,
+) -> tuple[Residual, Flights, LinearCourse]:
+    """`linearise`, and the course of the cycle, in one traversal."""
+    return _linearise(problem, unknowns, scale, count, change, has_course=True)
+
+
+def _linearise(
+    problem: Problem,
+    unknowns: Unknowns,
+    scale: Float[Array, " state"],
+    count: Int[Array, ""] | None,
+    change: tuple | None,
+    *,
+    has_course: bool,
+) -> tuple[Residual, Flights, Any]:
     size, p = len(scale), jnp.zeros(0 if change is None else 1, scale.dtype)
 
     def at(p: Array) -> tuple[Machine, AbstractFlow]:
@@ -238,12 +287,14 @@ def linearise(
         def moved(y: Array):
             here, p = place._replace(z=y[:size] * scale, time=y[size]), y[size + 1 : -1]
             there, (value, speed), _ = fly_to_event(*at(p), here, flight.event, y[-1])
-            return (jnp.concatenate([there.z / scale, there.time[None], p]), value), (there, value, speed)
+            passed = (speed, there.grip) if has_course else None
+            end = jnp.concatenate([there.z / scale, there.time[None], p])
+            return (end, value, passed), (there, value, speed)
 
         duration = _duration(problem, place, flight)
         y = jnp.concatenate([place.z / scale, place.time[None], p, duration[None]])
-        (forward, normal), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
-        return there, (forward, normal, value, speed)
+        (forward, normal, passed), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
+        return there, (forward, normal, value, speed, (place, passed) if has_course else None)
 
     def begun(y: Array):
         place = initial_moment(problem, at(y[size:])[0], y[:size] * scale)
@@ -252,7 +303,7 @@ def linearise(
     begin, place = jax.jacfwd(begun, has_aux=True)(jnp.concatenate([unknowns.z / scale, p]))
     flights = _flights_of(problem, unknowns, count)
     num = None if count is None else count + 1
-    place, (forward, normal, values, speeds) = over_flights(one, place, flights, num)
+    place, (forward, normal, values, speeds, course) = over_flights(one, place, flights, num)
     # The flight that closes the cycle lasts as long as the others leave.
     last = forward[-1 if count is None else count]
     shortened = 0 if problem.is_autonomous else last[:size, -1]
@@ -268,20 +319,22 @@ def linearise(
     pin = closing_pin(problem.shifts)
     if problem.machine.contacts.num_sliders:
         pin = pin + slider_pin(problem, scale)
-    return found, Flights(begin, forward, normal, close, pin, drift)
+    if has_course:
+        begins, passed = course
+        course = LinearCourse(begins, begin, forward, *jax.tree.map(lambda a: a[:-1], passed))
+    return found, Flights(begin, forward, normal, close, pin, drift), course
 
 
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:
     """All flights of a cycle; the one that closes it comes after `count` others, or after the padding."""
     sequence, room = problem.sequence, len(unknowns.flights)
-    num_sliders = problem.machine.contacts.num_sliders
-    mode = jnp.asarray(sequence.mode)
+    mode, zeros = jnp.asarray(sequence.mode), _zeros_of(problem)
     event = Event(
         kind=jnp.append(sequence.kind, NOTHING),
         stop=jnp.append(sequence.stop, 0),
         mode=mode,
         mode_after=jnp.concatenate([mode[1:], mode[-1:]]),
-        zeros=jnp.append(leading_zeros_of(sequence, num_sliders), 0) if sequence.is_switching else None,
+        zeros=None if zeros is None else jnp.append(zeros, 0),
     )
     return CycleFlight(
         event, jnp.append(unknowns.flights, 0), jnp.arange(room + 1) == (room if count is None else count)
@@ -298,34 +351,11 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
     It comes from the equations of the cycle, which are exact where a run of an unstable orbit diverges from it.
     """
     machine, flow = problem.machine, problem.flow
-    contacts = machine.contacts
 
     def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Instant, Array]]:
         event, duration = flight
         there, _, end = fly_to_event(machine, flow, place, event, duration)
-        if contacts.is_switching:
-            of_event, time = (event.kind, event.stop), there.time * machine.period
-            return there, (switched_instant(machine, end, of_event, event.mode_after, time), end.phase)
-        held, after = event.mode, event.mode_after
-        hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
-        stuck, left = after & ~held, held & ~after
-        x, v = rebound(machine, end, hit, held & after)
-        state, hold = state_before_contact(machine, end.phase, x, v, held, end.time), machine.hold(held)
-        now = rates(machine, state, hold)
-        pull, speed = contacts.pull(now.force, hold, end.phase), machine.approach(state)
-        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.light_restitution), 0)
-        instant = Instant(
-            hit=hit,
-            stuck=stuck,
-            released=left & (event.kind != NOTHING),
-            velocity_minus=machine.approach(end),
-            velocity_plus=speed,
-            chatter=chatter,
-            arrived=jnp.array(False),
-            time=there.time * machine.period,
-            impulse=contacts.impulses(end.v - v),
-        )
-        return there, (instant, end.phase)
+        return there, (instant_of(machine, end, event, there.time * machine.period), end.phase)
 
     flights = events_of(problem), unknowns.flights
     instants, phases = jax.lax.scan(one, initial_moment(problem, machine, unknowns.z), flights)[1]
@@ -362,21 +392,25 @@ def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
     x, v = jnp.split(z, 2)
     held, contacts = held_in(problem.sequence.mode[0]), machine.contacts
     phase = phase_of(machine, problem.phase)
-    if contacts.is_switching:
-        x = contacts.with_closed_gaps(x, held & ~contacts.has_no_gap, phase)
-        v = with_stretches_of(machine, contacts.without_speeds(v, held, phase), problem.sequence.mode[0])
-    else:
-        x = contacts.with_closed_gaps(x, held, phase)
-        v = contacts.with_zero_approach(v, held, machine.phase_rate(phase))
+    x = contacts.with_closed_gaps(x, held & contacts.has_gap, phase)
+    v = contacts.without_speeds(v, held, machine.phase_rate(phase))
+    v = with_stretches_of(machine, v, problem.sequence.mode[0])
     gap = jax.lax.stop_gradient(contacts.gaps(x, phase))
     grip = -jnp.ones_like(gap) if machine.has_tied_friction else None
     return Moment(jnp.concatenate([x, v]), problem.phase + 0 * x[0], gap, grip)
 
 
 def events_of(problem: Problem) -> Event:
-    sequence, num_sliders = problem.sequence, problem.machine.contacts.num_sliders
-    zeros = leading_zeros_of(sequence, num_sliders) if sequence.is_switching else None
-    return Event(sequence.kind, sequence.stop, sequence.mode[:-1], sequence.mode[1:], zeros)
+    sequence = problem.sequence
+    return Event(sequence.kind, sequence.stop, sequence.mode[:-1], sequence.mode[1:], _zeros_of(problem))
+
+
+def _zeros_of(problem: Problem) -> Array | None:
+    """`leading_zeros_of` the events; None if all contacts are rigid."""
+    contacts = problem.machine.contacts
+    if set(contacts.kinds) <= {RIGID}:
+        return None
+    return leading_zeros_of(problem.sequence, contacts.num_sliders)
 
 
 def fly_to_event(
@@ -387,35 +421,22 @@ def fly_to_event(
     x, v, phase, change = flow_map(machine, flow, place, event.mode, duration)
     # Accumulated since the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before, phase - change)
-    gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.towards(x, change)
+    gap = contacts.gap_after(place.gap + start - jax.lax.stop_gradient(start), False, x, change)
     x = machine.moved(before, x)
     time = place.time + duration
-    at_event = jnp.arange(contacts.num) == event.stop
     end = state_in_mode(machine, phase, x, v, event.mode, time * machine.period)
-    if contacts.is_switching:
-        gap = jnp.where(contacts.has_no_gap, 1, gap)
-        after = switched_end(machine, end, gap, (event.kind, event.stop), event.mode_after)
-        divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < MOMENT, MOMENT, duration), 1)
-        value = after.value / jnp.where(event.zeros == 2, divisor * divisor, divisor)
-        value = jnp.where(event.kind == NOTHING, duration, value)
-        z, gap = jnp.concatenate([after.x, after.v]), jax.lax.stop_gradient(after.gap)
-        moment = Moment(z, time, gap, after.grip)
-        return moment, (value, after.speed), end
-    held, held_after = event.mode, event.mode_after
-    counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), machine.hold(held)
-    read = lambda of_stops: jnp.sum(jnp.where(at_event, of_stops, 0))  # noqa: E731
-    is_impact = event.kind == IMPACT
-    value = duration  # of what fills a sequence up
-    for limit in limits_of(machine):
-        value = jnp.where(event.kind == limit.event, read(limit.value(machine, counted, hold)), value)
-    speed = jnp.where(is_impact, read(machine.approach(end)), 0)
-    hit = at_event & is_impact
-    placed, v = rebound(machine, end, hit, held & held_after)
-    # Placing the hit contact at gap zero moves the gaps of others that share its inertia, until the cycle is found.
-    counted_on = gap - contacts.along(placed - x)
-    gap = jnp.where(hit, 0, jnp.where(contacts.sharing_mass(hit), contacts.gaps(placed, phase), counted_on))
-    v = contacts.with_zero_approach(v, held_after, machine.phase_rate(phase))
-    return Moment(jnp.concatenate([placed, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
+    after = end_of_flight(machine, end, gap, event)
+    value = jnp.where(event.kind == NOTHING, duration, _regular(after.value, event, duration))
+    z, gap = jnp.concatenate([after.x, after.v]), jax.lax.stop_gradient(after.gap)
+    return Moment(z, time, gap, after.grip), (value, after.speed), end
+
+
+def _regular(value: Scalar, event: Event, duration: Scalar) -> Scalar:
+    """Value of a guard, divided by the duration of its flight as often as `leading_zeros_of` tells."""
+    if event.zeros is None:
+        return value
+    divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < MOMENT, MOMENT, duration), 1)
+    return value / jnp.where(event.zeros == 2, divisor * divisor, divisor)
 
 
 def state_in_mode(
@@ -423,7 +444,7 @@ def state_in_mode(
 ) -> State:
     """State in a mode of `Sequence`, with no contact just left."""
     state = state_before_contact(machine, phase, x, v, held_in(mode), time)
-    return in_laws(machine, state, mode) if machine.contacts.is_switching else state
+    return in_laws(machine, state, mode)
 
 
 def flow_map(

@@ -5,13 +5,15 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Reals, Scalar
-from .._jax.concrete import stop_gradients
+from .._jax.concrete import is_traced, stop_gradients
 from .._jax.xla import compile_derivatives_lightly, compile_lightly
 from .._trajectory.event_log import EventLog
+from .._trajectory.one_call import KnownMachine
 from .candidate_cycle import multipliers_of
 from .condensation import Pencil
 from .cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
@@ -20,7 +22,8 @@ from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
 from .rigid_modes import closing_pin, drifts, free_drifts, free_shifts, num_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
-from .sequence import num_erased, num_stops_of
+from .search_by_calls import search_by_calls
+from .sequence import kinds_of, num_erased, num_stops_of
 
 
 class OrbitSolution(eqx.Module):
@@ -39,19 +42,29 @@ class OrbitSolution(eqx.Module):
     result: ORBIT_RESULTS
 
 
-def find(strobe: StroboscopicMap, guess: Reals) -> OrbitSolution:
-    """Search from a guess, (2 n,), until an orbit is found, or nothing is left to try."""
-    strobe = replace(strobe, flow=strobe.flow.compact())
+def find(strobe: StroboscopicMap, guess: Reals, machine: KnownMachine | None = None) -> OrbitSolution:
+    """Search from a guess, (2 n,), until an orbit is found, or nothing is left to try; of `machine` if that is known."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem. Outside of `jit` its
-    # values are known even under derivatives, so that its program serves them too.
-    return tell_of_search(strobe, search_alone(*stop_gradients((strobe, guess))))
+    # values are known even under derivatives, so that its programs serve them too.
+    known = strobe, guess
+    search = search_to_end(*(known if machine else stop_gradients(known)), machine)
+    return tell_of_search(replace(strobe, flow=strobe.flow.compact()), search)
+
+
+def search_to_end(strobe: StroboscopicMap, guess: Reals, machine: KnownMachine | None = None) -> Search:
+    """A search to its end, by calls of the program of `simulate` where its numbers are known."""
+    found = None
+    if strobe.flow.has_flow_map and (machine or not is_traced((strobe, guess))):
+        machine = machine or KnownMachine(strobe.numbers, strobe.flow, can_stick=True)
+        found = search_by_calls(machine, strobe, np.asarray(guess))
+    return found or _search_in_one(replace(strobe, flow=strobe.flow.compact()), guess)
 
 
 @compile_lightly
-def search_alone(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
-    """A search to its end, of a strobe whose flow is `compact`."""
+def _search_in_one(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
+    """A search to its end in one program, of a strobe whose flow is `compact`."""
     numbers = strobe.numbers
-    search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
+    search = begin_search(guess, kinds_of(numbers), strobe.room)
     follow = None
     if not strobe.flow.has_flow_map:
         follow = jax.jit(lambda z: strobe.run(z), inline=True)  # traced once

@@ -11,10 +11,10 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .._jax.xla import jit_lightly
-from .find import search_alone
+from .find import search_to_end
 from .search import Search, StroboscopicMap, begin_search
 from .search_workers import SearchWorkers
-from .sequence import num_stops_of
+from .sequence import kinds_of, num_stops_of
 
 # `_LANES`: lanes of the one compiled program. A lane costs the same among 32 as among 128; fewer wait for the longest.
 # `_FEW`: room for events at first. Most cycles have fewer; the others are searched for again with room for all.
@@ -92,7 +92,6 @@ def _one_by_one(
     strobe: StroboscopicMap, axes: Sequence[int | None], guesses: np.ndarray, tell: Callable[[int], Any]
 ) -> Search:
     """The finished searches of all lanes, each alone."""
-    strobe = dataclasses.replace(strobe, flow=strobe.flow.compact())
     leaves, structure = jax.tree.flatten(strobe)
     found = []
     for lane, guess in enumerate(guesses):
@@ -100,7 +99,7 @@ def _one_by_one(
             np.asarray(a) if axis is None else np.asarray(a)[lane]
             for a, axis in zip(leaves, axes, strict=True)
         ]
-        found.append(jax.tree.map(np.asarray, search_alone(jax.tree.unflatten(structure, own), guess)))
+        found.append(jax.tree.map(np.asarray, search_to_end(jax.tree.unflatten(structure, own), guess)))
         tell(1)
     return jax.tree.map(lambda *a: np.stack(a), *found)
 
@@ -115,7 +114,7 @@ def _search(
 ) -> Search:
     """The finished searches of the lanes `which`."""
     numbers = strobe.numbers
-    begin = _begin(numbers.rows.shape[-2], strobe.room, numbers.laws is not None)
+    begin = _begin(kinds_of(numbers), strobe.room)
     whole = jax.tree.map(np.array, begin(guesses[which]))
     leaves, structure = jax.tree.flatten(strobe)
 
@@ -160,6 +159,6 @@ def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
 
 
 @cache
-def _begin(num_stops: int, room: int, is_switching: bool) -> Callable:
-    begin = jax.vmap(lambda guess: begin_search(guess, num_stops, room, is_switching=is_switching))
-    return jit_lightly(begin, name=("begin_search", num_stops, room, is_switching))
+def _begin(kinds: tuple[int, ...], room: int) -> Callable:
+    begin = jax.vmap(lambda guess: begin_search(guess, kinds, room))
+    return jit_lightly(begin, name=("begin_search", kinds, room))

@@ -106,16 +106,17 @@ def periodic_orbit(
         x, v, angle, frequency, period = map(np.asarray, (x, v, angle, frequency, period))
     t0 = angle / frequency
     t1 = t0 + n * period
-    start = bound, t0, t1, t1[None], x, v
-    doubts = validate_start(*check_values(start))
-    if is_unknown:
-        numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)
+    known = None if is_unknown else known_machine(system, args)
+    is_sound = known is not None and known.admits(t0, t1, x, v)
+    doubts = [] if is_sound else validate_start(*check_values((bound, t0, t1, t1[None], x, v)))
+    if known is None:
+        numbers, motion, machine = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow), None
     else:
-        known = known_machine(system, args)
         numbers, motion = known.numbers, known.flow(flow, can_stick=True)
+        machine = known.packed(flow, can_stick=True)
     library = array_namespace(x, v, angle)
     strobe = StroboscopicMap(numbers, motion, library.asarray(float(n)), angle / (2 * np.pi), room)
-    found = find(strobe, library.concatenate([x, v]))
+    found = find(strobe, library.concatenate([x, v]), machine)
     period, angle = jnp.asarray(n * period), jnp.asarray(angle)
     orbit = PeriodicOrbit(
         **vars(found), system=system, num_periods=n, period=period, phase=angle, args=args, flow=flow

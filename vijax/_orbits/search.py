@@ -20,12 +20,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Reals, Scalar
+from .._jax.arrays import Reals, Scalar, array_namespace
 from .._jax.xla import is_any
+from .._machine.kinds import COMPLIANT
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
-from .._trajectory.event_log import Log
 from .._trajectory.loop import UNLIMITED_STEPS, Choices, LoopArguments
 from .._trajectory.single_call import run_for_log, run_single_call, run_with_jacobian
 from .._trajectory.solution import RESULTS, Solution
@@ -35,6 +35,7 @@ from .newton import scale_of
 from .rigid_modes import free_drifts, free_shifts, of_positions
 from .sequence import (
     NOTHING,
+    Instants,
     Sequence,
     effective,
     empty_sequence,
@@ -96,14 +97,14 @@ class Search(eqx.Module):
         return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
 
-def begin_search(guess: Float[Array, " state"], num_stops: int, room: int, *, is_switching: bool) -> Search:
-    """A search from a guess, with room for `room` events."""
+def begin_search(guess: Float[Array, " state"], kinds: tuple[int, ...], room: int) -> Search:
+    """A search from a guess, with room for `room` events of elements of some kinds."""
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
     cycle = Cycle(
         guess,
         unknowns,
-        empty_sequence(room, num_stops, is_switching=is_switching),
+        empty_sequence(room, kinds),
         guess + 0j,
         zero + jnp.inf,
     )
@@ -169,21 +170,7 @@ class StroboscopicMap(eqx.Module):
 
     def request(self, z: Float[Array, " state"]) -> LoopArguments:
         """Arguments of a run from a state in the fixed frame."""
-        x, v = jnp.split(z, 2)
-        t1 = self.t0 + self.num_periods * self.period
-        return LoopArguments(
-            t0=self.t0,
-            t1=t1,
-            x0=x,
-            v0=v,
-            goals=t1[None],
-            num_goals=np.asarray(1),
-            is_last=np.asarray(True),
-            max_steps=np.asarray(AUTOMATIC_MAX_STEPS),
-            max_events=np.asarray(self.room),
-            max_turns=np.asarray(UNLIMITED_STEPS),
-            is_sound=jnp.all(jnp.isfinite(z)),
-        )
+        return run_request(self.t0, self.t0 + self.num_periods * self.period, z, self.room)
 
     def follow(self, z: Float[Array, " state"]) -> Solution:
         """Run from a state, differentiable."""
@@ -201,24 +188,43 @@ class StroboscopicMap(eqx.Module):
         choices = Choices(can_stick=True, room=self.room)
         asked = self.numbers, self.flow, self.request(z), choices
         if self.flow.has_flow_map:
-            return FollowedMap(*run_for_log(*asked))
+            log, result, end = run_for_log(*asked)
+            return FollowedMap(Instants.of(log), result, end)
         solution, log, jacobian = run_with_jacobian(*asked)
         end = jnp.concatenate([solution.x1, solution.v1])
-        return FollowedMap(log, solution.result, end, jacobian, solution.events)
+        return FollowedMap(Instants.of(log), solution.result, end, jacobian, solution.events)
+
+
+def run_request(t0: Reals, t1: Reals, z: Reals, room: int) -> LoopArguments:
+    """Arguments of a run between two times from a state in the fixed frame, of NumPy or of JAX."""
+    library, n = array_namespace(t0, z), len(z) // 2
+    return LoopArguments(
+        t0=t0,
+        t1=t1,
+        x0=z[:n],
+        v0=z[n:],
+        goals=t1[None],
+        num_goals=np.asarray(1),
+        is_last=np.asarray(True),
+        max_steps=np.asarray(AUTOMATIC_MAX_STEPS),
+        max_events=np.asarray(room),
+        max_turns=np.asarray(UNLIMITED_STEPS),
+        is_sound=library.all(library.isfinite(z)),
+    )
 
 
 class FollowedMap(NamedTuple):
     """A run over n periods.
 
     Attributes:
-        log: its log.
+        instants: its events.
         result: what became of it.
         end: its end, in the fixed frame, (2 n,).
         jacobian: the derivative of the end by the start, (2 n, 2 n); None for flows with a flow map.
-        events: its events; None likewise.
+        events: its log; None likewise.
     """
 
-    log: Log
+    instants: Instants
     result: RESULTS
     end: Float[Array, " state"]
     jacobian: Any = None
@@ -252,9 +258,9 @@ def search_step(
 ) -> Search:
     """Run from the trial by `follow`, `strobe.run` if it is left out, and update the search."""
     followed = (follow or strobe.run)(search.trial)
-    log, result, end, jacobian, events = followed
+    instants, result, end, jacobian, events = followed
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    sequence, flights = sequence_of(log, strobe.t0, machine.period, kinds_of(strobe.numbers))
+    sequence, flights = sequence_of(instants, strobe.t0, machine.period, kinds_of(strobe.numbers))
     shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
     problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, *shifts)
     size = scale_of(problem, search.trial)
@@ -354,5 +360,6 @@ def _onto_stops(problem: Problem, z: Array) -> Array:
     x, v = jnp.split(z, 2)
     phase = phase_at(2 * jnp.pi * problem.phase, problem.machine.waves.num_harmonics)
     is_beyond = contacts.gaps(x, phase) < 0
-    is_beyond = is_beyond & contacts.is_rigid if contacts.is_switching else is_beyond
+    if COMPLIANT in contacts.kinds:
+        is_beyond = is_beyond & contacts.is_rigid
     return jnp.concatenate([contacts.with_closed_gaps(x, is_beyond, phase), v])

@@ -1,6 +1,6 @@
 """The events of a cycle, in order, as data, so that one program serves every sequence."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +10,10 @@ from jaxtyping import Array, Bool, Float, Int
 from .._hybrid.limits import CLOSE, EVENT_NAMES, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from .._hybrid.transition import Instant
 from .._jax.arrays import Reals, Scalar
+from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
-from .._machine.switching import FRICTION, JENKINS
-from .._trajectory.event_log import Log
+from .._trajectory.event_log import Log, flags_by_kind
 
 NOTHING = -1
 # Internal kind of an event that no log has: a mass leaves a compliant contact that pushed it no more.
@@ -83,9 +83,9 @@ def num_stops_of(numbers: MachineNumbers) -> int:
     return numbers.rows.shape[-2] - (0 if numbers.laws is None else int(numbers.laws.has_no_gap.sum()))
 
 
-def kinds_of(numbers: MachineNumbers) -> np.ndarray:
-    """Kinds of the elements of a machine, (elements,); empty if all its contacts are rigid."""
-    return np.array(() if numbers.laws is None else numbers.laws.kinds, int)
+def kinds_of(numbers: MachineNumbers) -> tuple[int, ...]:
+    """Kinds of the elements of a machine, (elements,)."""
+    return (RIGID,) * numbers.rows.shape[-2] if numbers.laws is None else numbers.laws.kinds
 
 
 def held_in(mode: Reals) -> Reals:
@@ -105,83 +105,88 @@ def public_kind_of(kind: Reals) -> Reals:
     return jnp.where(kind == NOTHING, NOTHING, kind % SECOND)
 
 
-def empty_sequence(num_events: int, num_stops: int, *, is_switching: bool) -> Sequence:
-    """A sequence without events, with room for `num_events`."""
-    whole = np.zeros(num_events, int)
-    mode = np.zeros((num_events + 1, num_stops), jnp.int8 if is_switching else bool)
-    return Sequence(whole + NOTHING, whole, mode)
+def empty_sequence(num_events: int, kinds: tuple[int, ...]) -> Sequence:
+    """A sequence without events of elements of some kinds, with room for `num_events`."""
+    whole, type_ = np.zeros(num_events, int), bool if set(kinds) <= {RIGID} else jnp.int8
+    return Sequence(whole + NOTHING, whole, np.zeros((num_events + 1, len(kinds)), type_))
+
+
+class Instants(NamedTuple):
+    """Instants of a trajectory with events, the start first.
+
+    Attributes:
+        transitions: what happens at each, (rows, ...).
+        held: flags of the stops that hold after it, (rows, stops).
+        count: number of rows; others are padding.
+    """
+
+    transitions: Instant
+    held: Bool[Array, "rows stops"]
+    count: Int[Array, ""]
+
+    @classmethod
+    def of(cls, log: Log) -> "Instants":
+        """The instants of a log."""
+        return cls(log.instants, log.restarts.held, log.rows)
 
 
 def sequence_of(
-    log: Log, t0: Scalar, period: Scalar, kinds_of_elements: np.ndarray
+    happened: Instants, t0: Scalar, period: Scalar, kinds: tuple[int, ...]
 ) -> tuple[Sequence, Float[Array, " events"]]:
-    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods.
-
-    For `kinds_of_elements` see `kinds_of`.
-    """
-    instants, held = log.instants, log.restarts.held
+    """The sequence of a trajectory, and the durations of its flights in forcing periods; `kinds` of elements."""
+    instants, (ended, before, after) = happened.transitions, _modes_at(happened)
     size, num_stops = instants.hit.shape
-    is_row = (jnp.arange(size) < log.rows)[:, None]
-    if instants.switched is not None:
-        is_event, kinds = _switching_events(instants, is_row)
-    else:
-        is_impact = instants.hit & is_row
-        # The release of a mass thrown off by an impact at the same instant is no event of its own.
-        is_release = instants.released & is_row & ~jnp.any(is_impact, axis=1, keepdims=True)
-        is_event, kinds = is_impact | is_release, jnp.where(is_impact, IMPACT, RELEASE)
+    is_row = (jnp.arange(size) < happened.count)[:, None]
+    is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)
     is_event, room = is_event.ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
 
     def gathered(a: Array, fill: int) -> Int[Array, " events"]:
-        return jnp.full(room, fill).at[place].set(jnp.broadcast_to(a, kinds.shape).ravel(), mode="drop")
+        return jnp.full(room, fill).at[place].set(jnp.broadcast_to(a, event_kinds.shape).ravel(), mode="drop")
 
-    kind = gathered(kinds, NOTHING)
+    kind = gathered(event_kinds, NOTHING)
     stop = gathered(jnp.arange(num_stops)[None], 0)
     row = gathered(jnp.arange(size)[:, None], 0)
     is_real = kind != NOTHING
-    row = jnp.where(is_real, row, log.rows - 1)
-    # The outcome of several events at one instant applies after the last.
-    is_followed = jnp.append(row[1:] == row[:-1], False) & jnp.append(is_real[1:], False)
+    row = jnp.where(is_real, row, happened.count - 1)
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period
     flights = jnp.where(is_real, jnp.diff(times, prepend=0), 0)
-    if instants.switched is not None:
-        # The mode at the end of each flight: between events others may take over the load of an element.
-        before, after = instants.switched.before[row], instants.switched.after[row[-1:]]
+    # The mode at the end of each flight: between events others may take over the load of an element.
+    before, after = before[row], after[row[-1:]]
+    if COMPLIANT in kinds:
         # Without an event a mass leaves the inside of a contact: the last flight of a cycle ends as the first one does.
         after = jnp.where((after == INSIDE) & (before[:1] != INSIDE), jnp.int8(FREE), after)
-        mode = jnp.concatenate([jnp.where(is_real[:, None], before, after), after])
-        is_friction, is_slider = (kinds_of_elements[None] == kind for kind in (FRICTION, JENKINS))
-        mode = jnp.where(is_friction & (mode == HELD), jnp.int8(STICKING), mode)
-        if is_slider.any():
-            mode = jnp.where(is_slider & (mode == FREE), jnp.int8(SPRING), mode)
-        return Sequence(kind, stop, mode), flights
-    after = held[jnp.where(is_followed, row - 1, row)]
-    return Sequence(kind, stop, jnp.concatenate([held[:1], after])), flights
+    mode = jnp.concatenate([jnp.where(is_real[:, None], before, after), after])
+    for own, general, special in ((FRICTION, HELD, STICKING), (JENKINS, FREE, SPRING)):
+        if own in kinds:
+            mode = jnp.where((np.array(kinds) == own)[None] & (mode == general), jnp.int8(special), mode)
+    return Sequence(kind, stop, mode), flights
 
 
-def _switching_events(
-    instants: Instant, is_row: Bool[Array, "rows 1"]
+def _modes_at(happened: Instants) -> tuple[Reals, Reals, Reals]:
+    """Numbers of the guards that are zero at each instant, 0 for none, and the modes before and after it, (rows, elements) each."""
+    instants, switched, held = happened.transitions, happened.transitions.switched, happened.held
+    if switched is not None:
+        return switched.ended.astype(int), switched.before, switched.after
+    # The release of a mass thrown off by an impact at the same instant is no event of its own.
+    is_zero = instants.hit | (instants.released & ~jnp.any(instants.hit, axis=1, keepdims=True))
+    return is_zero, jnp.concatenate([held[:1], held[:-1]]), held
+
+
+def _events_at(
+    instants: Instant, changes: tuple[Reals, Reals, Reals], is_row: Bool[Array, "rows 1"]
 ) -> tuple[Bool[Array, "rows elements"], Int[Array, "rows elements"]]:
-    """Flags and kinds of the events of a machine with friction or compliant contacts: the zeros of guards."""
-    switched = instants.switched
-    assert switched is not None
-    ended, before, after = (a.astype(int) for a in (switched.ended, switched.before, switched.after))
+    """Flags and kinds of the events: zeros of guards that change what an element does; `changes` as of `_modes_at`."""
+    ended, before, after = changes
+    if instants.switched is None:
+        return ended & is_row, jnp.where(instants.hit, IMPACT, RELEASE)
+    kind: Any = LEAVE
+    for number, flag in reversed([*enumerate(flags_by_kind(instants))]):
+        kind = jnp.where(flag, number, kind)
     is_zero = (ended > 0) & is_row
-    is_change = is_zero & (instants.hit | switched.turned | (effective(before) != effective(after)))
+    is_change = is_zero & (instants.hit | instants.switched.turned | (effective(before) != effective(after)))
     # A zero without effect on its own element passes the load on to others.
     is_event = jnp.where(jnp.any(is_change, axis=1, keepdims=True), is_change, is_zero)
-    flags = [
-        (instants.released, RELEASE),
-        (switched.closed, CLOSE),
-        (switched.opened, OPEN),
-        (switched.slipped, SLIP),
-        (instants.stuck, STICK),
-        (switched.turned, TURN),
-        (instants.hit, IMPACT),
-    ]
-    kind = jnp.full(ended.shape, LEAVE)
-    for own, number in flags:
-        kind = jnp.where(own, number, kind)
     return is_event, kind + SECOND * (ended == 2)
 
 

@@ -1,4 +1,4 @@
-"""Events of cycles of machines with friction or compliant contacts: guards and resets as `_hybrid` has them."""
+"""Events of cycles: guards and resets as `_hybrid` has them."""
 
 from typing import Any, NamedTuple
 
@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._hybrid.friction_chatter import complete_chatter
+from .._hybrid.entries import logged, time_of_bounces
 from .._hybrid.friction_impacts import rebound_with_friction
 from .._hybrid.friction_limits import (
     GRIP_AHEAD,
@@ -16,28 +16,30 @@ from .._hybrid.friction_limits import (
     TIED_BEHIND,
     sliding_velocity,
 )
-from .._hybrid.guards import select_active
+from .._hybrid.guards import guards_of, select_active
 from .._hybrid.law import rebound
 from .._hybrid.limits import CLOSE, IMPACT, OPEN, SLIP, STICK, TURN
-from .._hybrid.switching_resets import Zeros, logged
 from .._hybrid.tied_friction import in_laws
 from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import Scalar
-from .._machine.derivatives import rates
+from .._machine.contacts import Held
+from .._machine.kinds import COMPLIANT, FRICTION
 from .._machine.machine import Machine
 from .._machine.small_matrices import diagonal
 from .._machine.state import AHEAD, BEHIND, HELD, SPRING, State, laws_as_numbers
-from .._machine.switching import JENKINS
 from .sequence import LEAVE, NOTHING, SECOND, Sequence, effective, held_in
 
+# What each element does, (contacts,): a number, of rigid contacts alone a flag of those that hold; see `Sequence.mode`.
+Doing = Int[Array, " contacts"] | Bool[Array, " contacts"]
 
-class SwitchedEnd(NamedTuple):
-    """End of a flight of a machine with friction or compliant contacts, and the state after its event.
+
+class EndOfFlight(NamedTuple):
+    """End of a flight, and the state after its event.
 
     Attributes:
         value: of the guard that vanishes.
-        speed: at which it vanishes: of approach to a contact, or of the change of a sliding velocity over a radian of the
-            load; at a turn the force beyond the grip if friction stuck; 0 for guards of forces.
+        speed: at which it vanishes, see `Limit`; at a turn the force beyond the grip if friction stuck; 0, or rounding, for
+            guards of forces.
         x: positions after the event, (n,).
         v: velocities after it, (n,).
         gap: gaps after it, (contacts,).
@@ -53,51 +55,60 @@ class SwitchedEnd(NamedTuple):
     grip: Any = None
 
 
+class Event(NamedTuple):
+    """The event at the end of a flight, and the modes before and after it, see `Sequence`; for `zeros` `leading_zeros_of`."""
+
+    kind: Int[Array, ""]
+    stop: Int[Array, ""]
+    mode: Doing
+    mode_after: Doing
+    zeros: Any = None
+
+
 def is_second(kind: Int[Array, ""]) -> Bool[Array, ""]:
     """True for events at which the second guard of an element vanishes."""
     return kind >= SECOND
 
 
-def switched_end(
-    machine: Machine,
-    end: State,
-    gap: Float[Array, " contacts"],
-    event: tuple[Int[Array, ""], Int[Array, ""]],
-    after: Int[Array, " contacts"],
-) -> SwitchedEnd:
+def end_of_flight(machine: Machine, end: State, gap: Float[Array, " contacts"], event: Event) -> EndOfFlight:
     """Value of the guard at the end of a flight, and the state after the event there.
 
     Args:
         machine: the machine.
         end: the end of the flight, in the mode of the flight, with gaps from the positions.
         gap: gaps accumulated since the last contact.
-        event: kind and element.
-        after: what the elements do after the event.
+        event: the event.
     """
-    kind, element = event
-    contacts, here = machine.contacts, machine.in_mode(end)
+    kind, contacts, here = event.kind, machine.contacts, machine.in_mode(end)
     counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), here.hold(end.held)
-    at_event = jnp.arange(contacts.num) == element
-    has_no_gap = contacts.has_no_gap
-    both = jnp.concatenate([at_event & ~is_second(kind), at_event & is_second(kind)])
-    read = lambda of_guards: jnp.sum(jnp.where(both, of_guards, 0))  # noqa: E731
+    at_event, is_padding = jnp.arange(contacts.num) == event.stop, kind == NOTHING
+    at_guard = at_event
+    if len(guards_of(machine)) > 1:
+        at_guard = jnp.concatenate([at_event & ~is_second(kind), at_event & is_second(kind)])
+    read = lambda of_guards: jnp.sum(jnp.where(at_guard, of_guards, 0))  # noqa: E731
     value = read(select_active(here, counted, lambda limit: limit.value(here, counted, hold)))
-    now = rates(here, counted, hold)
-    slope = read(select_active(here, counted, lambda limit: limit.slope(here, counted, hold, now)))
-    of_motion = at_event & ~is_second(kind) & ~end.held
-    if contacts.num_sliders:
-        of_motion = of_motion | (at_event & contacts.are(JENKINS))
-    speed = -slope / jnp.where(jnp.any(has_no_gap & at_event), machine.frequency, 1)
-    hit = at_event & (kind == IMPACT)
-    x, v, grip = after_event(machine, end, hit, after)
+    speed = jnp.where(is_padding, 0, read(_speeds(here, counted, hold)))
+    if FRICTION in contacts.kinds:
+        speed = jnp.where(kind == TURN, _push_beyond_grip(machine, end, at_event, event.mode_after), speed)
+    met = hit = at_event & (kind == IMPACT)
+    if COMPLIANT in contacts.kinds:  # whose gaps vanish at other events too
+        met = at_guard[: contacts.num] & ~end.held & contacts.has_gap & ~is_padding
     # Gaps and positions agree also where the cycle is not found yet: Newton's method would solve one event after another.
-    is_met = of_motion & ~has_no_gap & (kind != NOTHING)
-    x = contacts.with_closed_gaps(x, is_met, end.phase)
-    moved = contacts.gap_moved(gap, is_met, x - end.x)
-    gap = jnp.where((after == HELD) & ~has_no_gap, 0, jnp.where(has_no_gap, 1, moved))
-    speed = jnp.where((kind != NOTHING) & jnp.any(of_motion), speed, 0)
-    speed = jnp.where(kind == TURN, _push_beyond_grip(machine, end, at_event, after), speed)
-    return SwitchedEnd(value, speed, x, v, gap, grip)
+    x, v, grip = after_event(machine, end, hit, met, event.mode_after)
+    gap = contacts.gap_placed(gap, met, held_in(event.mode_after), x - end.x, x, end.phase)
+    return EndOfFlight(value, speed, x, v, gap, grip)
+
+
+def _speeds(machine: Machine, state: State, hold: Held) -> Float[Array, " guards"]:
+    """Speeds at which the guards of all elements vanish; where an element rests, that of its gap is rounding."""
+    found, none = [], jnp.zeros_like(state.gap)
+    for first, *others in guards_of(machine):
+        speeds = none if first.speed is None else first.speed(machine, state, hold)
+        for limit in others:
+            if limit.speed is not None:
+                speeds = jnp.where(limit.is_active(machine, state), limit.speed(machine, state, hold), speeds)
+        found.append(speeds)
+    return found[0] if len(found) == 1 else jnp.concatenate(found)
 
 
 def _push_beyond_grip(
@@ -117,7 +128,7 @@ def leading_zeros_of(sequence: Sequence, num_sliders: int) -> Int[Array, " event
     """Number of zeros that the guard at the end of a flight has at its beginning, where the event before set it to zero.
 
     The residual is the guard divided by as many durations, so that a flight of no duration is a regular solution only
-    where it is a limit of others.
+    where it is a limit of others. Guards of rigid contacts are not divided.
     """
     kind, stop = sequence.kind, sequence.stop
     before, own = jnp.roll(kind, 1), (stop == jnp.roll(stop, 1)) & (jnp.arange(len(kind)) > 0)
@@ -140,9 +151,7 @@ def _mode_of_element(sequence: Sequence, before: int) -> Int[Array, " events"]:
     return jnp.take_along_axis(mode, jnp.asarray(sequence.stop)[:, None], axis=1)[:, 0]
 
 
-def with_stretches_of(
-    machine: Machine, v: Float[Array, " n"], mode: Int[Array, " contacts"]
-) -> Float[Array, " n"]:
+def with_stretches_of(machine: Machine, v: Float[Array, " n"], mode: Doing) -> Float[Array, " n"]:
     """Velocities with the stretches of Jenkins elements that slip, in a mode of `Sequence`."""
     if not machine.contacts.num_sliders:
         return v
@@ -150,28 +159,49 @@ def with_stretches_of(
 
 
 def after_event(
-    machine: Machine, end: State, hit: Bool[Array, " contacts"], after: Int[Array, " contacts"]
+    machine: Machine,
+    end: State,
+    hit: Bool[Array, " contacts"],
+    met: Bool[Array, " contacts"],
+    after: Doing,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"], Any]:
     """Positions and velocities after an impact, if one happens, and after the elements that then hold came to rest.
 
-    The third is `grip` of `SwitchedEnd`.
+    Args:
+        machine: the machine.
+        end: the state before the event.
+        hit: flags of the contacts that are hit.
+        met: flags of those whose gap is zero, the former among them.
+        after: what the elements do after the event.
+
+    Returns:
+        Both, and `grip` of `EndOfFlight`.
     """
-    contacts, grip = machine.contacts, None
+    contacts, grip, phase_rate = machine.contacts, None, machine.phase_rate(end.phase)
     if machine.has_tied_friction:  # which has an impulse too where it slips and its contact comes to rest
         x, v, impulse = rebound_with_friction(machine, end, hit)
+        x = contacts.with_closed_gaps(x, met, end.phase)
         grip = _grip_left(machine, eqx.tree_at(lambda s: s.v, end, v), impulse)
         contacts = contacts.directed(in_laws(machine, end, after).mode.direction)
     else:
-        stays = (end.held | end.is_kept_closed) & (effective(after) == HELD)
-        x, v = rebound(machine, end, hit, stays & contacts.is_rigid)
-    v = contacts.without_speeds(v, held_in(after), end.phase)
+        x = contacts.with_closed_gaps(end.x, met, end.phase)
+        v = contacts.reflected(end.v, hit, _stays(machine, end, after), phase_rate)
+    v = contacts.without_speeds(v, held_in(after), phase_rate)
     return x, with_stretches_of(machine, v, after), grip
+
+
+def _stays(machine: Machine, end: State, after: Array) -> Bool[Array, " contacts"]:
+    """Flags of the rigid contacts that stay closed at an event."""
+    if end.mode is None:
+        return end.held & after
+    rests = end.held | end.is_kept_closed
+    return rests & (effective(after) == HELD) & machine.contacts.is_rigid
 
 
 def _grip_left(
     machine: Machine, after: State, impulse: Float[Array, " contacts"]
 ) -> Float[Array, " contacts"]:
-    """`grip` of `SwitchedEnd` from the impulses of all elements; zero where friction just stops within the impact."""
+    """`grip` of `EndOfFlight` from the impulses of all elements; zero where friction just stops within the impact."""
     contacts = machine.contacts
     normal = contacts.at_normal(impulse)
     # Where it sticks no velocity is left, and where it slips no impulse: the impulse that would stop it is beyond by this.
@@ -182,33 +212,24 @@ def _grip_left(
     return jnp.where(acts, left / jnp.where(acts, whole, 1), -1)
 
 
-def switched_instant(
-    machine: Machine,
-    end: State,
-    event: tuple[Int[Array, ""], Int[Array, ""]],
-    after: Int[Array, " contacts"],
-    time: Scalar,
-) -> Instant:
-    """Log entry of an event."""
-    kind, element = event
-    contacts = machine.contacts
-    at_event = (jnp.arange(contacts.num) == element) & (kind != NOTHING)
+def instant_of(machine: Machine, end: State, event: Event, time: Scalar) -> Instant:
+    """Log entry of an event at the end of a flight."""
+    contacts, kind, after = machine.contacts, event.kind, event.mode_after
+    at_event = jnp.arange(contacts.num) == event.stop
     hit = at_event & (kind == IMPACT)
-    speed, none, zeros = sliding_velocity(machine, end), jnp.zeros_like(hit), jnp.zeros_like(end.gap)
-    x, v = rebound(machine, end, hit, (end.held | end.is_kept_closed) & (effective(after) == HELD))
+    none, zeros, rubbed = jnp.zeros_like(hit), jnp.zeros_like(end.gap), None
+    x, v = rebound(machine, end, hit, _stays(machine, end, after))
     struck = eqx.tree_at(lambda s: (s.x, s.v), end, (x, v))
-    now = sliding_velocity(machine, struck)
-    plus = jnp.where(hit, now, speed)
-    # An impact may turn friction of the same mass.
-    direction = jnp.where(end.mode.direction != 0, jnp.sign(now), 0).astype(jnp.int8)
-    struck = eqx.tree_at(lambda s: s.mode.direction, struck, direction)
-    impulse, rubbed = jnp.where(hit, contacts.impulses(end.v - v), 0), None
+    speed, now = sliding_velocity(machine, end), sliding_velocity(machine, struck)
+    impulse = contacts.impulses(end.v - v)
     if machine.has_tied_friction:
-        *_, both = rebound_with_friction(machine, end, hit)
-        impulse = jnp.where(hit, both, 0)
-        rubbed = jnp.where(contacts.are_tied & contacts.at_normal(hit), both, 0)
-    switched = no_switches(end)
-    instant = Instant(hit, none, none, speed, plus, zeros, jnp.array(False), time, impulse, switched, rubbed)
-    duration = jax.lax.stop_gradient(complete_chatter(machine, struck, instant).duration)
-    zero = Zeros(at_event & ~is_second(kind), at_event & is_second(kind))
-    return logged(machine, end, in_laws(machine, struck, after), instant, zero, duration)
+        *_, impulse = rebound_with_friction(machine, end, hit)
+        rubbed = jnp.where(contacts.are_tied & contacts.at_normal(hit), impulse, 0)
+    if FRICTION in contacts.kinds:  # an impact may turn friction of the same mass
+        direction = jnp.where(end.mode.direction != 0, jnp.sign(now), 0).astype(jnp.int8)
+        struck = eqx.tree_at(lambda s: s.mode.direction, struck, direction)
+    arrived = jnp.array(False)
+    instant = Instant(hit, none, none, speed, now, zeros, arrived, time, impulse, no_switches(end), rubbed)
+    duration = jax.lax.stop_gradient(time_of_bounces(machine, struck, instant))
+    ended = jnp.where(at_event & (kind != NOTHING), 1 + is_second(kind), 0)
+    return logged(machine, end, in_laws(machine, struck, after), instant, ended, duration)

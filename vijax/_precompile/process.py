@@ -53,7 +53,7 @@ class Precompilation:
 
     @property
     def is_running(self) -> bool:
-        """Whether the process still makes programs."""
+        """True while the process makes programs."""
         return self._thread.is_alive()
 
     def wait(self) -> None:

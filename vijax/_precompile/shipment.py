@@ -1,4 +1,4 @@
-"""What a process that makes programs is sent: the machine, the calls, and the settings under which they will be made.
+"""Message to a process that makes programs: the machine, the calls, and the settings under which they will be made.
 
 A program belongs to settings of JAX, a folder, and an order of folders in which modules are looked for. The other
 process has to have the same.

@@ -1,4 +1,4 @@
-"""What the process does that makes programs."""
+"""Main function of the process that makes programs."""
 
 import contextlib
 import json

@@ -10,9 +10,11 @@ import xarray as xr
 from .._dataset_checks import check_columns
 from .._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK
 from .._jax.arrays import check_type
+from .._machine.kinds import COMPLIANT
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
 from .._system.force_description import NAMED_FORCE
+from .._system.system import is_linear as is_linear_system
 from .._trajectory.solution import Solution
 from .section_side import machines_of_lanes
 
@@ -141,10 +143,9 @@ def has_tied_friction(source: Solution | xr.Dataset) -> bool:
 def is_linear(source: Solution | xr.Dataset) -> bool:
     """True if the machine is stored and linear between impacts: without a force, friction and compliant stops."""
     if isinstance(source, Solution):
-        return source.machine.extra is None and not source.machine.contacts.is_switching
+        return source.machine.is_linear
     try:
-        system = machines_of(source, force=NAMED_FORCE)
-        return system.force is None and not system.is_switching
+        return is_linear_system(machines_of(source, force=NAMED_FORCE))
     except ValueError:  # as in `machines`
         return False
 
@@ -166,9 +167,9 @@ def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_always_held(sol: Solution, stop: int) -> bool:
-    """Whether an element without events holds from the start."""
+    """True if an element without events holds from the start."""
     is_at_rest = bool(np.concatenate([sol.stuck1, sol.sticking1])[stop])
-    if is_at_rest or stop >= sol.stuck1.size or not sol.machine.contacts.is_switching:
+    if is_at_rest or sol.machine.contacts.kinds[stop] != COMPLIANT:
         return is_at_rest
     return bool(np.asarray(sol.contact_force(sol.t1))[stop] > 0)
 

@@ -38,6 +38,7 @@ class Builder:
         num_leaves: series that are given, the first ones.
         switches: choices between branches.
         fixed: series that do not change along the motion.
+        not_negative: absolute values.
     """
 
     def __init__(self):
@@ -45,6 +46,7 @@ class Builder:
         self.by_out: dict[int, Operation] = {}
         self.switches: list[Switch] = []
         self.fixed: set[int] = set()
+        self.not_negative: set[Operand] = set()
         self._size = 0
         self._memo: dict[Hashable, Any] = {}
 
@@ -162,7 +164,7 @@ class Builder:
         return self.once(("divide", key_of(a), b), make)
 
     def sqrt(self, a: Operand) -> Operand:
-        """Square root."""
+        """Square root of what is not a square, see `roots.py`."""
         if self._is_fixed(a):
             return self.compute(jnp.sqrt, (a,), "sqrt")
         if self._chooser(a) is not None:  # may be zero for good
@@ -302,6 +304,12 @@ class Builder:
     def exp(self, a: Operand) -> Operand:
         """Exponential."""
         return self.integral(jnp.exp, (a,), lambda y: [(1, y, a)], "exp")
+
+    def tanh(self, a: Operand) -> Operand:
+        """Hyperbolic tangent."""
+        return self.integral(
+            jnp.tanh, (a,), lambda y: [(1, self.linear([(-1, self.square(y))], 1), a)], "tanh"
+        )
 
     def log(self, a: Operand) -> Operand:
         """Logarithm."""

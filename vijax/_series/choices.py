@@ -22,6 +22,11 @@ def above(build: Builder, a: Operand, b: Operand) -> Operand:
     if not moving:
         difference = build.linear([(c, s) for s, c in still.items()], constant)
         return build.compute(lambda d: jnp.greater(d, 0), (difference,), "positive")
+    if not still and set(moving) <= build.not_negative:
+        if constant >= 0 and min(moving.values()) > 0:
+            return np.bool_(True)
+        if constant <= 0 and max(moving.values()) < 0:
+            return np.bool_(False)
     # Equal and opposite guards are one.
     unit = moving[min(moving)]
     guard = build.linear([(c / unit, s) for s, c in moving.items()])

@@ -56,7 +56,7 @@ def _table(equation: Any, xs: list[np.ndarray]) -> np.ndarray:
 
 
 def _ends(inner: Any, size: int) -> tuple[bool, bool]:
-    """Whether a table is extrapolated below and above, by a trial: these are no parameters of the jaxpr."""
+    """Flags of extrapolation of a table below and above, by a trial: they are no parameters of the jaxpr."""
     x, knots, values = inner.in_avals
     line = np.arange(size, dtype=knots.dtype)
     found = []

@@ -15,7 +15,8 @@ from jax import lax
 from .builder import Builder
 from .choices import above, equal
 from .graph_of_force import TABLE
-from .operations import Operand, is_known
+from .operations import Linear, Operand, Product, Square, is_known
+from .quotients import divide, logistic
 from .refused import Refused
 from .tables import table
 
@@ -57,16 +58,43 @@ def _multiply(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
 
 
 def _integer_power(build: Builder, a: Operand, *, y: int, **_: Any) -> Operand:
+    if y < 0:
+        return divide(build, _ONE, build.integer_power(a, -y))
     return build.integer_power(a, y)
 
 
+def _square_root(build: Builder, a: Operand, **_: Any) -> Operand:
+    found = _of_square(build, a)
+    return build.sqrt(a) if found is None else build.linear([(math.sqrt(found[0]), _abs(build, found[1]))])
+
+
 def _reciprocal_root(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.divide(_ONE, build.sqrt(a))
+    return divide(build, _ONE, _square_root(build, a))
+
+
+def _of_square(build: Builder, a: Operand) -> tuple[float, Operand] | None:
+    """(c, b) if a is c b^2: its root is an absolute value, which has a corner where b is zero."""
+    operation = None if is_known(a) else build.by_out.get(a)
+    if isinstance(operation, Linear) and len(operation.args) == 1 and not operation.constant:
+        found = _of_square(build, operation.args[0])
+        c = operation.factors[0]
+        return None if found is None or c < 0 else (c * found[0], found[1])
+    if isinstance(operation, Product):  # of c b and b
+        for one, b in zip(operation.args, reversed(operation.args), strict=True):
+            factor = None if is_known(one) else build.by_out.get(one)
+            if isinstance(factor, Linear) and factor.args == (b,) and not factor.constant:
+                return None if factor.factors[0] < 0 else (factor.factors[0], b)
+    return (1.0, operation.args[0]) if isinstance(operation, Square) else None
 
 
 def _power(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
     if build.is_fixed(b):
-        return build.power(a, b)
+        square = None if is_known(b) and float(b).is_integer() else _of_square(build, a)
+        if square is None:
+            return build.power(a, b)
+        c, root = square
+        whole = build.power(_abs(build, root), build.linear([(2, b)]))
+        return whole if c == 1 else build.multiply(build.power(np.float64(c), b), whole)
     if build.is_fixed(a):
         log = build.linear([(math.log(a), b)]) if is_known(a) else build.multiply(build.log(a), b)
     else:
@@ -107,11 +135,6 @@ def _with_square(value: Callable, sign: int, key: str) -> Rule:
         )
 
     return rule
-
-
-def _logistic(build: Builder, a: Operand, **_: Any) -> Operand:
-    pairs = lambda y: [(1, build.linear([(1, y), (-1, build.square(y))]), a)]  # noqa: E731
-    return build.integral(lax.logistic, (a,), pairs, "logistic")
 
 
 def _erf(value: Callable, sign: int, key: str) -> Rule:
@@ -186,7 +209,9 @@ def _is_one(a: Operand, b: Operand) -> bool:
 
 
 def _abs(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.choose(above(build, a, np.float64(0)), [build.linear([(-1, a)]), a])
+    found = build.choose(above(build, a, np.float64(0)), [build.linear([(-1, a)]), a])
+    build.not_negative.add(found)
+    return found
 
 
 def _sign(build: Builder, a: Operand, **_: Any) -> Operand:
@@ -224,8 +249,8 @@ RULES: dict[str, Rule] = {
     "mul": _multiply,
     "square": lambda build, a, **_: build.square(a),
     "integer_pow": _integer_power,
-    "div": lambda build, a, b, **_: build.divide(a, b),
-    "sqrt": lambda build, a, **_: build.sqrt(a),
+    "div": lambda build, a, b, **_: divide(build, a, b),
+    "sqrt": _square_root,
     "rsqrt": _reciprocal_root,
     "cbrt": lambda build, a, **_: build.cube_root(a),
     "pow": _power,
@@ -236,9 +261,9 @@ RULES: dict[str, Rule] = {
     "cos": _circular(1),
     "sinh": _hyperbolic(0),
     "cosh": _hyperbolic(1),
-    "tanh": _with_square(jnp.tanh, -1, "tanh"),
+    "tanh": lambda build, a, **_: build.tanh(a),
     "tan": _with_square(jnp.tan, 1, "tan"),
-    "logistic": _logistic,
+    "logistic": lambda build, a, **_: logistic(build, a),
     "erf": _erf(lax.erf, 1, "erf"),
     "erfc": _erf(lax.erfc, -1, "erfc"),
     "erf_inv": _erf_inverse,

@@ -1,4 +1,4 @@
-"""Whether the slopes of a force stay finite where its powers begin.
+"""Finite slopes of a force where its powers begin.
 
 A power below 1 of a branch, as sqrt(max(x, 0)), has an infinite slope where the branch begins; x sqrt(abs(x)) has not. Each
 series vanishes there as some power of the distance to the beginning: its rank. A slope of negative rank is infinite.

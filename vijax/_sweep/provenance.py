@@ -160,7 +160,7 @@ def _at_points(
     force: Callable | None = None,
     family: Callable | Family | None = None,
 ) -> tuple[LaneInput, dict[str, np.ndarray]]:
-    """Where nothing is swept, and the swept values by their paths, (points, ...); see `machines_of`."""
+    """Machines of the points without the swept values, and these by their paths, (points, ...); see `machines_of`."""
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
     is_named = isinstance(force, NamedForce)

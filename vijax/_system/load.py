@@ -1,4 +1,4 @@
-"""What all loads have in common, and their sum."""
+"""Base class of all loads, and their sum."""
 
 import abc
 from collections.abc import Callable, Sequence

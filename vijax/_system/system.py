@@ -424,6 +424,11 @@ def refuse_switching(who: str, system: ImpactSystem) -> None:
         )
 
 
+def is_linear(system: ImpactSystem) -> bool:
+    """True if all forces are linear between impacts: without a `force`, friction and compliant stops."""
+    return system.force is None and not system.is_switching
+
+
 def check_again(system: ImpactSystem) -> None:
     """Reject a machine whose numbers were replaced by invalid ones after it was built."""
     loads = system.forcing.loads if isinstance(system.forcing, LoadSum) else ()
@@ -448,7 +453,7 @@ def with_args(system: AnySystem, args: object) -> ImpactSystem:
 
 
 def varied(system: AnySystem, args: object) -> AnySystem:
-    """What has the parameters: a family as it is, or a machine with its force bound to `args`.
+    """Owner of the parameters: a family as it is, or a machine with its force bound to `args`.
 
     Raises:
         ValueError: for a family with `args`, which would be parameters beside its own.

@@ -179,9 +179,10 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
     gap, held = first.gap, first.held
     none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
     impulse = zeros if has_impulses else None
-    switched = None if first.mode is None else no_switches(first)
     rubbed = zeros if first.mode is not None and first.mode.paradox is not None else None
-    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse, switched, rubbed)
+    nothing = Instant(
+        none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse, no_switches(first), rubbed
+    )
     return Log(
         restarts=Restarts(
             t=rows(t0, jnp.inf),
@@ -208,7 +209,7 @@ def log_row(
     log: Log, after: State, instant: Instant, time: Scalar, live: Flag, max_events: Int[Array, "..."]
 ) -> Log:
     """Write one row if the instant has an event, unless so many are logged already."""
-    count = add_up([jnp.sum(a, axis=0) for a in _flags_by_kind(instant)])
+    count = add_up([jnp.sum(a, axis=0) for a in flags_by_kind(instant)])
     is_row = live & (count > 0) & (log.num_events < max_events)
     restart = Restarts(
         time,
@@ -310,10 +311,11 @@ def event_log(
 
 def _flags_of(instants: Instant) -> Bool[Array, "rows flags"]:
     """Flags of the events: impacts of an instant come before its sticks, and these before its releases."""
-    return jnp.concatenate(_flags_by_kind(instants), axis=1)
+    return jnp.concatenate(flags_by_kind(instants), axis=1)
 
 
-def _flags_by_kind(instants: Instant) -> list[Bool[Array, "..."]]:
+def flags_by_kind(instants: Instant) -> list[Bool[Array, "..."]]:
+    """Flags of the contacts with an event of each kind, in the order of their numbers."""
     return [attrgetter(event.flag)(instants) for event in _kinds_of(instants)]
 
 

@@ -122,7 +122,10 @@ class Leg(NamedTuple):
 
 
 class LoopTask(AbstractTask):
-    """Loop body with everything it depends on, so that derivatives see it; `watches_grazing` if `Solution.grazing` is wanted."""
+    """Body of the loop over steps and all that it depends on, so that derivatives see it.
+
+    `watches_grazing` if the caller asks for `Solution.grazing`.
+    """
 
     flow: AbstractFlow
     machine: Machine
@@ -315,7 +318,7 @@ def is_over(task: LoopTask, last: Carry, request: LoopArguments) -> Bool[Array, 
 
 
 def result_of(task: LoopTask, last: Carry, request: LoopArguments) -> RESULTS:
-    """How the trajectory of this call ended."""
+    """Result code of the trajectory of this call."""
     mode, is_full = last.state.mode, last.log.num_events > request.max_events
     result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
     result = RESULTS.where(is_over(task, last, request), result, RESULTS.max_steps_reached)

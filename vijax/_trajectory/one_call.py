@@ -20,9 +20,10 @@ from .._jax.arrays import UNROLLED, UNROLLED_ALONE, Reals
 from .._jax.packing import Layout, Packed, layout_of, pack
 from .._jax.xla import are_sums_in_kernels, jit_lightly
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, idle_mode, with_memory
+from .._machine.state import ModeLayout, State, with_memory
 from .._machine.tables import KnotsLayout
 from .grazing import Grazing
+from .instant_codes import codes_of
 from .loop import (
     Carry,
     Choices,
@@ -74,21 +75,26 @@ class Found(NamedTuple):
     Attributes:
         solution: the trajectory, with the events of this call and the first saved state: most requests have no more.
         saved: saved positions and velocities, (2, goals, n), padded.
+        codes: events of the instants of `solution.restarts`, see `instant_codes.py`, (rows, contacts).
         left: progress, packed; its first whole number, in the order of `CallProgress`, tells whether another call is needed.
     """
 
     solution: Solution
     saved: Array
+    codes: Array
     left: Packed
 
     @property
     def is_paused(self) -> bool:
-        """Whether another call is needed."""
+        """True if the motion goes on in another call."""
         return bool(np.asarray(self.left.wholes)[0])
 
 
 class KnownMachine:
     """A machine of concrete numbers as calls take it, packed once: it is immutable.
+
+    Attributes:
+        packed: its numbers and its flow, packed.
 
     Args:
         numbers: its numbers.
@@ -98,12 +104,12 @@ class KnownMachine:
 
     def __init__(self, numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool):
         machine, self._nothing = jax.device_put(pack((numbers, flow))), _packed_nothing(numbers, flow)
+        self.packed: Packed = machine
         n, dtype = numbers.rows.shape[1], np.dtype(numbers.mass.dtype)
         self._num_reals, self._dtype = 2 + 2 * n + GOALS, dtype
         blank = Packed(np.empty(self._num_reals, dtype), np.empty(6, int), _layout_of_request(n, dtype))
         choices = Choices(can_stick, EVENTS, is_whole=False)
         self._call = call.prepared(machine, self._nothing, blank, choices)
-        self._machine = machine.reals, machine.wholes
 
     def follow(self, request: LoopArguments, left: Packed | None) -> Found:
         """Follow a trajectory by a request of NumPy numbers, from its start or from the progress of the call before."""
@@ -118,7 +124,7 @@ class KnownMachine:
         )
         reals[2 + 2 * n :] = request.goals
         wholes = np.array([int(a) for a in request[5:]])
-        return self._call([*self._machine, left.reals, left.wholes, reals, wholes])
+        return self._call([self.packed.reals, self.packed.wholes, left.reals, left.wholes, reals, wholes])
 
 
 def _packed_nothing(numbers: MachineNumbers, flow: AbstractFlow) -> Packed:
@@ -134,17 +140,14 @@ class _Sizes(NamedTuple):
     n: int
     num_columns: int
     dtype: np.dtype
-    is_switching: bool
-    is_tied: bool
+    mode: ModeLayout | None
     knots: KnotsLayout | None
 
 
 def _sizes(numbers: MachineNumbers) -> _Sizes:
-    is_switching, is_tied = numbers.laws is not None, numbers.has_tied_friction
     num_contacts, n = numbers.rows.shape
-    return _Sizes(
-        num_contacts, n, numbers.num_columns, numbers.mass.dtype, is_switching, is_tied, numbers.knots_layout
-    )
+    modes, knots = numbers.mode_layout, numbers.knots_layout
+    return _Sizes(num_contacts, n, numbers.num_columns, numbers.mass.dtype, modes, knots)
 
 
 @lru_cache
@@ -169,7 +172,8 @@ def call(machine: Packed, left: Packed, request: Packed, choices: Choices) -> Fo
     solution, reached = finish(task, last, asked, choices), _progress(task, last, asked)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
-    return Found(first, jnp.stack([solution.xs, solution.vs]), pack(reached))
+    codes = codes_of(last.log.kept_instants())
+    return Found(first, jnp.stack([solution.xs, solution.vs]), codes, pack(reached))
 
 
 def _begin(
@@ -236,7 +240,7 @@ def _has_memory(flow: AbstractFlow) -> bool:
 
 @lru_cache
 def _nothing(sizes: _Sizes) -> CallProgress:
-    num_contacts, n, num_columns, real_type, is_switching, is_tied, knots = sizes
+    num_contacts, n, num_columns, real_type, mode, knots = sizes
 
     def zeros(dtype: DTypeLike, *shape: int) -> Array:
         return jax.device_put(np.zeros(shape, dtype))
@@ -252,7 +256,7 @@ def _nothing(sizes: _Sizes) -> CallProgress:
         gap=zeros(real_type, num_contacts),
         held=zeros(bool, num_contacts),
         contact=zeros(np.int8, num_contacts),
-        mode=idle_mode(zeros(real_type, num_contacts), is_tied=is_tied) if is_switching else None,
+        mode=None if mode is None else mode.idle(zeros(real_type, num_contacts)),
         knots=None if knots is None else knots.blank(real),
     )
     return CallProgress(

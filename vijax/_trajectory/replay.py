@@ -89,7 +89,11 @@ class _Recorder(AbstractTask):
         duration = carry.duration + leg.flight.duration
         # A motion that is cut ends with a flight too.
         is_cut = (carry.steps + 1 >= self.task.most_steps) | ~finite
-        is_row = live & (happened | leg.is_goal | is_cut) if _is_by_flights(self.task) else live
+        is_row = (
+            live & (happened | leg.is_goal | is_cut)
+            if repeats_whole_flights(self.task.flow, self.task.machine)
+            else live
+        )
         flight = eqx.tree_at(lambda f: f.duration, leg.flight, duration)
         row = jax.tree.map(lambda a: a[None], Record(flight, carry.periods))
         record, *_ = put(is_row, Writing(carry.record, row, carry.rows))
@@ -105,9 +109,9 @@ class _Recorder(AbstractTask):
         )
 
 
-def _is_by_flights(task: LoopTask) -> bool:
+def repeats_whole_flights(flow: AbstractFlow, machine: Machine) -> bool:
     """True if flights from event to event are recorded; otherwise steps are, which end at knots of loads by tables."""
-    return task.flow.flow_map_reaches_far and task.machine.tables is None
+    return flow.flow_map_reaches_far and machine.tables is None
 
 
 def _blank_recording(carry: Carry) -> _Recording:
@@ -144,7 +148,7 @@ class RecordedFlow(AbstractFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Evaluate the flow map, or take the step again."""
-        if self.flow.flow_map_reaches_far and machine.tables is None:
+        if repeats_whole_flights(self.flow, machine):
             angle = speeds(state.phase, machine.pace) * step
             change = turned(state.phase, (-2 * jnp.sin(angle / 2) ** 2, jnp.sin(angle)))
             displacement, gain = self.flow.flow_map(machine, state, hold, step, change)
@@ -223,7 +227,7 @@ def _repeat_jvp(primals, tangents):
     (out, rest), lin = call(linearized, moving, still)
     # XLA refuses large sums in a kernel, as products of matrices of contacts become where many tangents are side by side.
     contacts = primals[0].machine.contacts
-    push = compute_once if contacts.is_switching or contacts.is_coupled else call
+    push = compute_once if contacts.is_coupled else call
     change = push(lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None))
     return eqx.combine(out, rest), change
 

@@ -289,7 +289,7 @@ def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tu
 
 
 def _varied(branch: Branch) -> AnySystem:
-    """What has the parameter of a branch: its machine as its attributes describe it, or its family."""
+    """Owner of the parameter of a branch: its machine as its attributes describe it, or its family."""
     if "family" not in branch.points.attrs:
         return _system(branch.points)
     return branch.system or system_from(

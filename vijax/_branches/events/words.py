@@ -13,7 +13,7 @@ import numpy as np
 
 from ..._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, SPRING, STICKING
-from ..._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
+from ..._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from ..._orbits.sequence import LEAVE, SECOND, Sequence
 from ..parameter_family import ExtendedCycle
 

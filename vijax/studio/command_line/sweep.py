@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..._execution.settings import ExecutionSettings
+from ..._progress import interrupt_with_word_of
 from ..._sweep.sweep import sweep
 from ..._system.spelling import did_you_mean
 from .datasets import check_target, open_dataset, write_dataset
@@ -102,10 +103,8 @@ def run(args: argparse.Namespace) -> None:
     out = Path(options.pop("out"))
     check_target(out)
     settings = ExecutionSettings(cores=options.pop("cores", None))
-    try:
+    with interrupt_with_word_of(options.get("store"), "--store FOLDER", "command"):
         ds = sweep(system, options.pop("over"), **options, settings=settings, progress=args.progress)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(_kept(options.get("store"))) from None
     write_dataset(ds, out)
     print(f"{out}: {' x '.join(str(n) for n in ds['result'].shape)} points")  # noqa: T201
 
@@ -157,9 +156,3 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
     if not isinstance(options.get("lyapunov", False), bool):
         raise ValueError(f"{file}: `sweep.lyapunov` must be true or false.")
     return options
-
-
-def _kept(store: str | None) -> str:
-    if store is None:
-        return "Stopped; nothing is kept. With --store FOLDER the same command would go on from there."
-    return f"Stopped; what is done is kept in {store}, and the same command goes on from there."

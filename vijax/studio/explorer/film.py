@@ -61,7 +61,9 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
     scheme, poses, _ = poses_of_solution(sol, times)
     canvas = Canvas(Figure(figsize=(8, 2)).subplots(), scheme.positive)
     drawing = draw(canvas.ax, scheme, poses[0], None, {}, positive=canvas.positive, fits_axes=False)
-    split = [[line for line in canvas.ax.lines if (line.get_zorder() > _BOXES) is over] for over in (False, True)]
+    split = [
+        [line for line in canvas.ax.lines if (line.get_zorder() > _BOXES) is over] for over in (False, True)
+    ]
     parts = [patch for patch in canvas.ax.patches if isinstance(patch, Rectangle)]
     parts = sorted(parts, key=lambda part: part.get_zorder())
     names = canvas.ax.texts[: scheme.num_masses]  # the numbers in the boxes come first
@@ -99,9 +101,9 @@ def _strokes(canvas: Canvas, line: Line2D) -> list[np.ndarray]:
     """The line in the picture, and the heads of arrows among its points, (points, 2) each."""
     points = canvas.turned.transform(line.get_xydata())
     strokes = [] if line.get_linestyle() == "None" else [points]
-    head, ends = _HEADS.get(line.get_marker()), line.get_markevery()
-    if head is not None:
-        strokes += [end + head for end in (points if ends is None else points[ends])]
+    if (head := _HEADS.get(str(line.get_marker()))) is not None:
+        marked: Any = line.get_markevery()  # the points with a marker, None for all
+        strokes += [end + head for end in (points if marked is None else points[marked])]
     return strokes
 
 
