@@ -40,7 +40,7 @@ def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Reque
     if test.kind == Kind.CHATTER_COMPLETION and not is_plastic(event.sequence, event.seen, test):
         return None  # ever more bounces follow: `grazing_cascade.py`
     # In all rounds of a cycle that traverses a shorter one, in one of them alone, or, by a symmetry, half a cycle later too.
-    for rounds in dict.fromkeys((walk.rounds, 1, 2)):
+    for rounds in dict.fromkeys((1, walk.rounds, 2)):
         corner = corner_of(event, test, rounds, walk.num_periods)
         point = yield from _point_behind(corner)
         if point is not None:
