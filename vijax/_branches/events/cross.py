@@ -7,7 +7,7 @@ a double root: such words are found with their letters a given time apart, see `
 
 from collections.abc import Iterator
 from functools import partial
-from itertools import islice, product
+from itertools import product
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from .residuals import ROWS, residuals_of
 from .words import Elements, Word, meaning, words_between
 
 # So many trials are corrected at once; before any others, residuals tell which words the motion may solve.
-_FEW = 4
+_FEW = 0
 
 
 def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
@@ -53,24 +53,15 @@ def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
     """The first point behind a corner, on the first words that lead on."""
     elements = yield from _elements(corner.event.sequence)
     choices = [words_between(at.mode, _acting(at, elements), elements, at.word) for at in corner.instants]
-    tried = list(islice(_alike(choices), _FEW))
-    for words in tried:
-        point = yield from _point_on(corner, corner.with_words(words))
-        if point is not None:
-            return point
-    # One instant's words are taken in parts, as mostly an early one leads on.
-    parts = _parts(choices[0]) if len(choices) == 1 else [choices]
+    # Words of one instant are taken in parts whose residuals one call computes, as mostly an early one leads on.
+    words = choices[0]
+    parts = [[words[k : k + ROWS]] for k in range(0, len(words), ROWS)] if len(choices) == 1 else [choices]
     for part in parts:
-        for words in _alike((yield from _solved(corner, part))):
-            point = None if words in tried else (yield from _point_on(corner, corner.with_words(words)))
+        for trial in _alike((yield from _solved(corner, part))):
+            point = yield from _point_on(corner, corner.with_words(trial))
             if point is not None:
                 return point
     return None
-
-
-def _parts(words: list[Word]) -> list[list[list[Word]]]:
-    """Words of one instant in parts whose residuals one call computes, without those that are tried before."""
-    return [[words[k : k + ROWS]] for k in range(_FEW, len(words), ROWS)]
 
 
 def _elements(sequence: Sequence) -> Requests[Elements]:

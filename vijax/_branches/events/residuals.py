@@ -15,7 +15,7 @@ from ..parameter_family import ExtendedCycle, ParameterFamily
 from ..requests import KernelCall, Requests, ask
 
 # ROWS: cycles of one call.
-ROWS = 32
+ROWS = 16
 
 
 def residuals(

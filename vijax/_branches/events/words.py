@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
-from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, SPRING, STICKING
 from ..._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
+from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, SPRING, STICKING
 from ..._orbits.sequence import LEAVE, SECOND, Sequence
 from ..parameter_family import ExtendedCycle
 
@@ -31,7 +31,7 @@ _ENDS: dict[int, dict[int, list[tuple[int, int]]]] = {
     FRICTION: {
         AHEAD: [(TURN, BEHIND), (STICK, STICKING)],
         BEHIND: [(TURN, AHEAD), (STICK, STICKING)],
-        STICKING: [(slip, mode) for slip in (SLIP, SLIP + SECOND) for mode in (AHEAD, BEHIND)],
+        STICKING: [(SLIP, AHEAD), (SLIP + SECOND, BEHIND)],
     },
     JENKINS: {
         SPRING: [(SLIP, AHEAD), (SLIP + SECOND, BEHIND)],
@@ -103,7 +103,7 @@ def words_between(
                 extended((*word, letter), letter.mode)
 
     extended((), modes[0])
-    return sorted(found, key=lambda word: (_num_others(word, before), len(word)))
+    return sorted(found, key=lambda word: (abs(len(word) - len(before)), _num_others(word, before)))
 
 
 def _num_others(word: Word, before: Word) -> int:
