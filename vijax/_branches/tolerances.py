@@ -140,9 +140,8 @@ DOUBLE_ROOT = 1e-4
 NO_FLIGHT = 1e-14
 # size of the function, periods: a least value beside a letter of its own element.
 ECHO_VALUE, ECHO_NEAR = 1e-5, 1e-3
-# periods: times between letters of a singular word. Start: largest distance of the cycle there. Share: of that time to which
-# the cycle is followed back, and of its distance from the corner that may be left.
-APART, APART_NEAR, APART_SHARE, APART_JOINED = (1e-4, 1e-5, 1e-3), 1e-2, 0.1, 0.5
+# periods: times between letters of a singular word. Start: largest distance of the cycle there.
+APART, APART_NEAR = (1e-4, 1e-5, 1e-3), 1e-2
 
 # ---- Ends of branches ----
 

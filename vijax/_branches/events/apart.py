@@ -6,11 +6,11 @@ the new letters is held fixed instead of a tangent; as it shrinks the cycle must
 
 import numpy as np
 
-from ..kernels import trimmed
+from ..behind_event import is_joined
 from ..parameter_family import ExtendedCycle
 from ..point import BranchPoint, corrected
 from ..requests import Requests
-from ..tolerances import APART, APART_JOINED, APART_NEAR, APART_SHARE
+from ..tolerances import APART, APART_NEAR
 from .corner import Corner, Trial
 from .following import is_followed_behind, lowest_margin
 
@@ -32,7 +32,7 @@ def apart(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
         if not (away < APART_NEAR and lowest_margin(new, corner, trial.words) >= 0):
             continue
         followed = yield from is_followed_behind(new, corner.num_periods)
-        if followed is None or not (yield from _is_joined(event, new, weights, length)):
+        if followed is None or not (yield from is_joined(event, new)):
             continue
         followed = followed._replace(arc=event.arc + away)
         return followed if new.tangent.along(weights) > 0 else followed.turned()
@@ -48,12 +48,3 @@ def _moves(corner: Corner, trial: Trial) -> np.ndarray:
         moves[first : first + num] = np.arange(num) - (num - 1) / 2 if num > 1 else -1.0
         shift += num - (instant.last - instant.first)
     return moves
-
-
-def _is_joined(event: BranchPoint, new: BranchPoint, weights: ExtendedCycle, length: float) -> Requests[bool]:
-    """True if the cycle comes to the corner as its new events come together: else it is of another branch, behind a jump."""
-    by = -(1 - APART_SHARE) * length
-    guess = new.place.moved(weights, by)
-    seen = yield from corrected(new.sequence, guess, weights, guess.along(weights))
-    nearer = trimmed(seen.found.place, len(new.sequence.kind)).distance_of_starts(event.place)
-    return bool(seen.found.is_converged and nearer < APART_JOINED * new.place.distance_of_starts(event.place))
