@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from vijax._branches.events.words import Elements, Letter, exchanged, letters_between, meaning, words_between
+from vijax._branches.events.words import Elements, meaning, words_between
 from vijax._branches.parameter_family import ExtendedCycle
+from vijax._branches.sequence_edits import Letter, exchanged, letters_between
 from vijax._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from vijax._machine.kinds import COMPLIANT, FRICTION, RIGID
 from vijax._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, STICKING

@@ -20,7 +20,7 @@ from .parameter_family import ExtendedCycle, ParameterFamily
 from .peak_setup import peak_condition
 from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
-from .sequence_edits import with_event, with_events_merged, with_slip
+from .sequence_edits import with_event, with_events_merged, with_slip_behind
 from .starts import Start, family_of, starting_orbits
 from .test_functions import TestFunction, grips, kind_at, tests_of
 from .tolerances import AT_BIFURCATION, NO_DURATION, NO_SPEED
@@ -155,7 +155,7 @@ def _with_switching_event(
     k = test.index
     if test.kind == Kind.TEAR:
         flight = int(watched.rise_flight[k])
-        return *with_slip(sequence, place, flight - 1, k, is_behind=True), flight, False
+        return *with_slip_behind(sequence, place, flight - 1, k), flight, False
     if test.kind == Kind.GRAZING and sequence.kind[k] == IMPACT:
         return sequence, place, k, True
     if test.of_flight or test.kind == Kind.GRAZING:

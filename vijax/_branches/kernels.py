@@ -15,7 +15,6 @@ from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
 from .._orbits.sequence import NOTHING, Instants, Sequence, is_same_sequence, kinds_of, sequence_of
-from .._system.waves import phase_at
 from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log
 from .._trajectory.solution import RESULTS
@@ -72,13 +71,6 @@ class SimulatedMotion(NamedTuple):
     sequence: Sequence
     flights: Float[Array, " events"]
     z: Float[Array, " state"]
-
-
-class LocatedState(NamedTuple):
-    """Scaled state at a time of a cycle, (2 n,), and the rates of the gaps there along a branch, (stops,)."""
-
-    z: Float[Array, " state"]
-    gap_rates: Float[Array, " stops"]
 
 
 def corrected_cycle(
@@ -252,20 +244,10 @@ def _simulate_autonomous(
 
 
 def locate_state(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle, time: Scalar
-) -> LocatedState:
-    """State of a cycle `time` forcing periods after its start, and the rates of the gaps there in a direction."""
-
-    def of(place: ExtendedCycle) -> LocatedState:
-        problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-        z = state_at(problem, unknowns, time)
-        machine, turns = problem.machine, problem.phase + time
-        phase = phase_at(2 * jnp.pi * turns, machine.waves.num_harmonics)
-        gaps = machine.contacts.gaps(jnp.split(z, 2)[0], phase)
-        return LocatedState(z / family.scale, gaps)
-
-    located, rates = jax.jvp(of, (place,), (direction,))
-    return LocatedState(located.z, rates.gap_rates)
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, time: Scalar
+) -> Float[Array, " state"]:
+    """Scaled state of a cycle `time` forcing periods after its start, (2 n,)."""
+    return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
 
 
 def jacobian(

@@ -17,8 +17,8 @@ def in_section(point: BranchPoint, num_periods: float) -> Requests[BranchPoint |
     if not np.isfinite(num_periods):  # the event that begins the cycle has met the next one
         return End(EndKind.SEVERAL_EVENTS)
     time = 0.0 if by > 0 else num_periods
-    located = yield from ask(location_on(point.sequence, point.place, time))
-    sequence, place = shifted(point.sequence, point.place, by, num_periods, np.asarray(located.z))
+    z = yield from ask(location_on(point.sequence, point.place, time))
+    sequence, place = shifted(point.sequence, point.place, by, num_periods, np.asarray(z))
     at = yield from corrected_on_sequence(sequence, place, point)
     if isinstance(at, End):
         return at

@@ -98,56 +98,13 @@ def is_crossed(before: Any, after: Any) -> Any:
     return (before * after < 0) & (xp.maximum(xp.abs(before), xp.abs(after)) > ROUNDED_FUNCTION)
 
 
-# Kinds of events at which the least value of a quantity of a stop vanishes, and these quantities.
-OF_STOPS: dict[str, str] = {Kind.TOUCH: "gap", Kind.FORCE_ZERO: "force", Kind.ONSET: "rise"}
-
-
 def is_between_events(test: TestFunction) -> bool:
     """True for the test function of a guard between events, or of one that an event would keep from vanishing."""
     return bool(test.least)
 
 
 def tests_of(sequence: Sequence) -> list[TestFunction]:
-    """Test functions of a sequence, positive as long as a machine can follow it."""
-    if sequence.is_switching:
-        return tests_of_switching(sequence)
-    found, follows_another = [], _follows_another(sequence)
-    for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
-        if kind == IMPACT:
-            found.append(
-                TestFunction(
-                    Kind.GRAZING,
-                    lambda seen, k=k: float(seen.found.speeds[k]),
-                    k,
-                    rate=lambda seen, k=k: float(seen.rates.speeds[k]),
-                )
-            )
-        if follows_another[k]:
-            ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
-            found.append(
-                TestFunction(
-                    Kind.CHATTER_COMPLETION if ends_stick else Kind.DOUBLE_IMPACT,
-                    lambda seen, k=k: float(seen.found.place.flights[k]),
-                    k,
-                    rate=lambda seen, k=k: float(seen.found.tangent.flights[k]),
-                )
-            )
-    for j in range(sequence.held.shape[1]):
-        for kind, name in OF_STOPS.items():
-            found.append(
-                TestFunction(
-                    kind,
-                    lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j]),
-                    j,
-                    rate=lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j]),
-                    least=name,
-                )
-            )
-    return found
-
-
-def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
-    """`tests_of` for machines with friction or compliant contacts, guard by guard; `index` is that of an event or a guard."""
+    """Test functions of a sequence, positive as long as a machine can follow it; `index` is that of an event or a guard."""
     found, follows_another, has_speed = [], _follows_another(sequence), _has_speed(sequence)
     for k in range(len(sequence.kind)):
         if has_speed[k]:
@@ -159,9 +116,9 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
             of_flight = lambda seen, k=k: float(seen.found.place.flights[k])  # noqa: E731
             rate = lambda seen, k=k: float(seen.found.tangent.flights[k])  # noqa: E731
             found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True, rate=rate))
-    num = sequence.mode.shape[1]
+    num, is_switching = sequence.mode.shape[1], sequence.is_switching
     slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING, SPRING)), axis=0).tolist()
-    for j in range(2 * num):
+    for j in range(2 * num if is_switching else num):
         is_friction = slides[j % num]
         kinds = {
             "gap": Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO,
@@ -170,7 +127,10 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
         }
         for name, kind in kinds.items():
             of_guard = lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j])  # noqa: E731
-            found.append(TestFunction(kind, of_guard, j, least=name))
+            rate = None
+            if not is_switching:
+                rate = lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j])  # noqa: E731
+            found.append(TestFunction(kind, of_guard, j, rate=rate, least=name))
     return found
 
 

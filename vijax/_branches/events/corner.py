@@ -11,9 +11,9 @@ import numpy as np
 from ..._orbits.sequence import Sequence
 from ..parameter_family import ExtendedCycle
 from ..point import BranchPoint
+from ..sequence_edits import Word, exchanged, letters_between
 from ..test_functions import TestFunction, tests_of
 from ..tolerances import EVENTS_AT_ONCE, VANISHES_TOGETHER
-from .words import Word, exchanged, letters_between
 
 
 class Instant(NamedTuple):

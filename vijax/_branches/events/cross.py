@@ -18,16 +18,24 @@ from ..behind_event import corrected_on_sequence, step_off
 from ..kernels import padded
 from ..kinds import Kind
 from ..parameter_family import ParameterFamily
-from ..point import BranchPoint, DirectedBranch, at_parameter
+from ..point import BranchPoint, DirectedBranch, at_parameter, corrected, is_followed
 from ..requests import HostCall, Requests, ask
+from ..sequence_edits import Word
 from ..test_functions import TestFunction, is_plastic, margins, test_slopes, tests_of
-from ..tolerances import CORNER_SOLVED, DOUBLE_ROOT, NEGATIVE, SAME_CORNER, VANISHES_TOGETHER
+from ..tolerances import (
+    CORNER_NEAR,
+    CORNER_SOLVED,
+    DOUBLE_ROOT,
+    NEGATIVE,
+    SAME_CORNER,
+    TRIALS_AHEAD,
+    VANISHES_TOGETHER,
+)
 from .apart import apart
 from .corner import Corner, Instant, Trial, corner_of
 from .following import is_followed_behind, lowest_margin
-from .in_impact import past_impact
 from .residuals import ROWS, residuals_of
-from .words import Elements, Word, meaning, words_between
+from .words import Elements, meaning, words_between
 
 # So many trials are corrected at once; before any others, residuals tell which words the motion may solve.
 _FEW = 0
@@ -36,7 +44,7 @@ _FEW = 0
 def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
     """The first point of a branch behind a corner; None if no word leads on."""
     if test.kind == Kind.IN_IMPACT:
-        return None if test.of_flight else (yield from past_impact(event, test))
+        return None if test.of_flight else (yield from _past_impact(event, test))
     if test.kind == Kind.CHATTER_COMPLETION and not is_plastic(event.sequence, event.seen, test):
         return None  # ever more bounces follow: `grazing_cascade.py`
     # In all rounds of a cycle that traverses a shorter one, in one of them alone, or, by a symmetry, half a cycle later too.
@@ -46,6 +54,20 @@ def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Reque
         if point is not None:
             walk.rounds = rounds if rounds == walk.rounds else 1
             return point
+    return None
+
+
+def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | None]:
+    """Continue behind an impact in which friction begins or ceases to stick: the word stays, the branch may go on or come back."""
+    tangent, along = event.tangent, event.place.along(event.tangent)
+    for side in (1, -1):
+        for ds in TRIALS_AHEAD:
+            guess = event.place.moved(tangent, ds)
+            seen = yield from corrected(event.sequence, guess, tangent, along + side * ds)
+            new = BranchPoint.of(event.sequence, seen, event.arc + ds)
+            is_near = seen.found.is_converged and new.place.distance(event.place) < CORNER_NEAR * ds
+            if is_near and test.of(seen) < 0 and (yield from is_followed(new)):
+                return new if side > 0 else new.turned()
     return None
 
 

@@ -10,10 +10,10 @@ from ..kinds import Kind
 from ..point import BranchPoint, is_followed
 from ..requests import Requests
 from ..section import in_section
+from ..sequence_edits import Word
 from ..test_functions import TestFunction, tests_of
 from ..tolerances import ECHO_NEAR, ECHO_VALUE, NO_FLIGHT, TRUSTED
 from .corner import Corner
-from .words import Word
 
 
 def lowest_margin(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> float:

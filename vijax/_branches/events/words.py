@@ -9,15 +9,11 @@ from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
 
-import numpy as np
-
 from ..._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from ..._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, SPRING, STICKING
-from ..._orbits.sequence import LEAVE, SECOND, Sequence
-from ..parameter_family import ExtendedCycle
-
-Modes = tuple[int, ...]
+from ..._orbits.sequence import LEAVE, SECOND
+from ..sequence_edits import Letter, Modes, Word
 
 # What ends a mode of an element of a kind: pairs of the event and the mode behind it.
 _ENDS: dict[int, dict[int, list[tuple[int, int]]]] = {
@@ -55,25 +51,6 @@ class Elements(NamedTuple):
 
     kinds: tuple[int, ...]
     contacts: tuple[int, ...]
-
-
-class Letter(NamedTuple):
-    """An event: its kind, its element, and the modes of all elements behind it, as in `Sequence`."""
-
-    kind: int
-    stop: int
-    mode: Modes
-
-
-Word = tuple[Letter, ...]
-
-
-def letters_between(sequence: Sequence, first: int, last: int) -> Word:
-    """Events `first` to `last - 1` of a sequence."""
-    return tuple(
-        Letter(int(sequence.kind[k]), int(sequence.stop[k]), tuple(map(int, sequence.mode[k + 1])))
-        for k in range(first, last)
-    )
 
 
 def words_between(
@@ -133,27 +110,6 @@ def _modes_behind(own: int, event: int, after: int, kind: int, is_tied: bool) ->
     if is_tied and (own == FREE or after in (FREE, INSIDE)):
         return [FREE] if after in (FREE, INSIDE) else [AHEAD, BEHIND, STICKING]
     return [own, *_JUMPS.get(event % SECOND, {}).get(own, [])]
-
-
-def exchanged(
-    sequence: Sequence, place: ExtendedCycle, changes: list[tuple[tuple[int, int], float, Word]]
-) -> tuple[Sequence, ExtendedCycle]:
-    """The cycle with other letters at some instants: for each the events from first to last, its time, and the new word."""
-    times = np.cumsum(place.flights)
-    letters: list[Letter] = []
-    when: list[float] = []
-    begin = 0
-    for (first, last), time, word in [*changes, ((len(times), len(times)), 0.0, ())]:
-        letters += [*letters_between(sequence, begin, first), *word]
-        when += [*times[begin:first], *[time] * len(word)]
-        begin = last
-    modes = np.array([tuple(map(int, sequence.mode[0])), *(letter.mode for letter in letters)])
-    new = Sequence(
-        np.array([letter.kind for letter in letters], sequence.kind.dtype),
-        np.array([letter.stop for letter in letters], sequence.stop.dtype),
-        modes.astype(sequence.mode.dtype),
-    )
-    return new, place._replace(flights=np.diff(np.array(when), prepend=0.0))
 
 
 def meaning(word: Word, *, is_logged: bool = False) -> tuple:
