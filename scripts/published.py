@@ -13,6 +13,8 @@ import jax
 import matplotlib.pyplot as plt
 from paper.output import as_text
 from papers import (
+    bead_column,
+    beam,
     bernu_mazighi,
     code_aster,
     galperin,
@@ -29,8 +31,10 @@ SOURCES = {
     one.__name__.rpartition(".")[2]: one
     for one in (
         code_aster,
+        beam,
         rods,
         siconos,
+        bead_column,
         galperin,
         mcnamara_young,
         bernu_mazighi,

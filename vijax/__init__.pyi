@@ -71,6 +71,7 @@ from ._sweep.random_load import random_load as random_load
 from ._sweep.sensitivity import sensitivity as sensitivity
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
+from ._system.chain import chain as chain
 from ._system.compliant import CompliantContact as CompliantContact, CompliantStop as CompliantStop
 from ._system.contact import Contact as Contact
 from ._system.family import Family as Family
@@ -86,12 +87,13 @@ from ._system.restitution import (
 from ._system.states import with_states as with_states
 from ._system.stop import Stop as Stop
 from ._system.symmetry import Symmetry as Symmetry
-from ._system.system import ImpactSystem as ImpactSystem, chain as chain
+from ._system.system import ImpactSystem as ImpactSystem
 from ._system.tabulated import Tabulated as Tabulated, Waveform as Waveform
 from ._tori.torus import follow_torus as follow_torus
 from ._trajectory.event_log import EventLog as EventLog
+from ._trajectory.results import RESULTS as RESULTS
 from ._trajectory.simulate import simulate as simulate
-from ._trajectory.solution import RESULTS as RESULTS, Solution as Solution
+from ._trajectory.solution import Solution as Solution
 from .studio.explorer.explore import explore as explore
 
 __version__: str

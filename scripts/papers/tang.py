@@ -1,4 +1,4 @@
-"""H. Tang, notes in `HongTang973/NonsmoothSystem`, after Andronov: self-excited cycles of a mass with negative damping."""
+"""H. Tang, notes in `HongTang973/NonsmoothSystem`: self-excited cycles of a mass, after Andronov, and of two coupled ones."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +10,8 @@ from .value import Value
 
 # Damping ratio and restitution.
 CASES = ((-0.05, 0.6), (-0.1, 0.5))
+# Coupling of two masses, and printed periods of their cycles.
+COUPLED = ((0.0, 4.74997), (0.01, 4.7885159))
 
 
 def cycle(damping_ratio: float, restitution: float) -> vx.PeriodicOrbit:
@@ -18,6 +20,17 @@ def cycle(damping_ratio: float, restitution: float) -> vx.PeriodicOrbit:
     return vx.periodic_orbit(
         vx.ImpactSystem([1.0], [[2 * damping_ratio]], [[1.0]], stops=[stop]), [0.5], [0.0]
     )
+
+
+def coupled_cycle(coupling: float) -> vx.PeriodicOrbit:
+    """Find the cycle of two coupled masses, the first with negative damping and a stop below its rest under a unit force."""
+    s = np.sqrt(10) * coupling
+    stiffness = np.array([[1.0, 9 * s], [9 * s, 9.0]])
+    stop = vx.Stop(0, -np.linalg.solve(stiffness, [1.0, 0.0])[0], "lower", 0.3)
+    machine = vx.ImpactSystem(
+        [[1.0, -s], [-s, 1.0]], [[-0.2, 0.6 * s], [0.6 * s, 0.6]], stiffness, stops=[stop]
+    )
+    return vx.periodic_orbit(machine, [0.5, 0.0], [0.0, 0.0])
 
 
 def andronov(damping_ratio: float, restitution: float) -> tuple[float, float]:
@@ -38,7 +51,7 @@ def andronov(damping_ratio: float, restitution: float) -> tuple[float, float]:
 
 
 def values() -> list[Value]:
-    """Periods and multipliers beside those of Andronov's function."""
+    """Periods and multipliers beside those of Andronov's function, and periods of the coupled masses."""
     found = []
     for xi, r in CASES:
         orbit, (turn, multiplier) = cycle(xi, r), andronov(xi, r)
@@ -48,7 +61,18 @@ def values() -> list[Value]:
             Value("Andronov's cycle", f"w T, {words}", turn, 1e-12, ours[0], turn),
             Value("Andronov's cycle", f"multiplier, {words}", multiplier, 1e-12, ours[1], multiplier),
         ]
-    return found
+    late = "printed one output step of 0.001 late"
+    return found + [
+        Value(
+            "coupled masses",
+            f"period, coupling {coupling:g}",
+            period,
+            digit,
+            float(coupled_cycle(coupling).period),
+            reason=late,
+        )
+        for (coupling, period), digit in zip(COUPLED, (1e-5, 1e-7), strict=True)
+    ]
 
 
 def draw(axes: list[Axes]) -> None:

@@ -22,6 +22,7 @@ def test_attractors_are_those_of_the_machine(family):
     assert isinstance(vx.system_of(own), vx.Family)
 
 
+@pytest.mark.slow
 def test_basins_and_their_integrity(family):
     grid = {"x0[0]": np.linspace(-0.5, 0.5, 6), "v0[0]": np.linspace(-0.5, 0.5, 6)}
     own, other = (vx.basins(machine, grid, **FEW) for machine in (family, family.system))
@@ -32,6 +33,7 @@ def test_basins_and_their_integrity(family):
     assert chances[0].equals(chances[1])
 
 
+@pytest.mark.thorough
 def test_attractors_along_a_value_that_moves_load_and_frequency(family):
     speeds = np.array([0.72, 0.74, 0.76])
     own = vx.follow_attractors(family, "frequency", speeds, 16, **FEW)
@@ -69,6 +71,7 @@ def test_a_torus_along_a_value_is_that_along_the_path():
     np.testing.assert_allclose(torus.rotation_number, same.rotation_number, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_manifolds_of_an_orbit_of_a_family(family):
     start = vx.simulate(family.at(frequency=0.7), 0.0, 1000.0, max_events=1, throw=False)
     branch = vx.continuation(

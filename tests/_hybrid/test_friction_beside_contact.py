@@ -6,6 +6,7 @@ import pytest
 import vijax as vx
 
 
+@pytest.mark.thorough
 def test_an_impact_that_tears_the_contact_open_sets_the_friction_off():
     """Two masses pressed together by 1 hit a wall, part at the speed 3, and turn 3 / (2 + 2 F) later."""
     force = 0.3
@@ -43,6 +44,7 @@ def test_friction_slips_on_a_mass_that_a_moving_stop_carries():
     np.testing.assert_allclose(found, 1.6 + np.cos(times) + 0.5 * np.sign(np.sin(times)), rtol=1e-13)
 
 
+@pytest.mark.thorough
 def test_a_turn_of_friction_may_release_the_mass_that_a_moving_stop_carries():
     """As before with P - F < 1 < P + F: the contact force jumps below zero where friction turns, at t = pi."""
     plate = vx.Stop(0, 0.5, "upper", 0.5, vx.Harmonic([1.0], 1.0))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vijax._jax.xla import as_part, compute_once, in_parts
+from vijax._jax.xla import as_part, compute_once, in_parts, of_parts
 
 START = jnp.linspace(0.0, 1.0, 5)
 
@@ -29,6 +29,16 @@ def test_a_loop_in_parts_gives_the_same_bits():
     parts = jax.jit(lambda *a: in_parts(_loop, *a))(START, unread, factor)
     for a, b in zip(whole, parts, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_calls_inside_of_a_function_of_parts_are_the_kernels():
+    def turn(x):
+        return of_parts(lambda a: compute_once(jnp.sin, a) + compute_once(jnp.cos, a), x)
+
+    parts = jax.jit(lambda x: in_parts(turn, x)).lower(START).compile().as_text()
+    assert sum(" call(" in line and "small_call" in line for line in parts.splitlines()) == 2
+    assert "small_call" not in jax.jit(turn).lower(START).compile().as_text()
+    np.testing.assert_array_equal(jax.jit(turn)(START), jax.jit(lambda x: in_parts(turn, x))(START))
 
 
 def test_parts_end_with_the_call_even_if_it_fails():

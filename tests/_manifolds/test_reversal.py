@@ -30,6 +30,7 @@ def states(high, count=40):
     return np.random.default_rng(0).uniform([-0.8, -1.0], [high, 1.0], (count, 2))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("stops", "high"),
     [

@@ -22,6 +22,7 @@ def strobe_of(system: vx.ImpactSystem, room: int = 64) -> StroboscopicMap:
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("away", [0.0, 0.5], ids=["near", "far"])
 def test_it_is_the_search_of_one_program(away):
     system = vx.models.wagg_bishop_a(0.8)

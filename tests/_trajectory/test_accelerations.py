@@ -85,6 +85,7 @@ def test_a_held_mass_has_the_acceleration_of_its_stop():
     np.testing.assert_array_equal(vx.simulate(still, 0.0, 1.0, x0=[0.5]).acceleration(t / 5), 0)
 
 
+@pytest.mark.slow
 def test_batches_traces_and_derivatives():
     ts = jnp.linspace(0.0, 10.0, 5)
     run = lambda w: vx.simulate(vx.models.wagg_bishop_a(w), 0.0, 10.0, ts=ts)  # noqa: E731

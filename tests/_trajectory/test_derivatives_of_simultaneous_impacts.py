@@ -43,6 +43,7 @@ def differences(function, start, step=1e-5):
     return 2 * central(step / 2) - central(step)
 
 
+@pytest.mark.thorough
 def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone():
     alone = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.2], 1.3), [vx.Stop(0, 1.0, "upper", 0.6)])
     one = np.asarray(jax.jacfwd(end(alone))(START[[0, 2]]))

@@ -121,6 +121,7 @@ def table_of(*waves, until: float = 80.0) -> vx.Tabulated:
     return vx.Tabulated(np.array(knots)[is_new], total[is_new])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("t0", [0.0, 5.3])
 def test_loads_of_any_frequencies_add_up(t0: float):
     wave, other = vx.Waveform(*WAVE), vx.Waveform(*OTHER)
@@ -181,6 +182,7 @@ def _end(system, t1):
     return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:1]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("end", "given"),
     [

@@ -40,6 +40,7 @@ def test_a_shaken_oscillator_moves_in_space_by_the_transmission_of_its_base():
     np.testing.assert_allclose(ds.max_absolute_acceleration[:, 0], in_space, rtol=SETTLED)
 
 
+@pytest.mark.slow
 def test_buildings_on_a_ground_of_constant_acceleration_meet_where_their_gap_is_closed():
     """Undamped, from rest: x_i = -a (1 - cos w_i t) / w_i^2 up to the first blow, which shares momentum."""
     a, gap, masses, r = 2.0, 0.01, np.array([1.0, 3.0]), 0.65
@@ -66,6 +67,7 @@ def test_buildings_on_a_ground_of_constant_acceleration_meet_where_their_gap_is_
     np.testing.assert_allclose(ds.max_absolute_acceleration[0], a * (1 - np.cos(w * 0.25)), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_gear_whose_flanks_stay_in_mesh_is_a_linear_oscillator_under_its_wave():
     """The periodic response to a square wave by its Fourier sum, whose terms fall as h^-3."""
     w, size, mean = 0.37, 0.03, 0.2
@@ -79,6 +81,7 @@ def test_a_gear_whose_flanks_stay_in_mesh_is_a_linear_oscillator_under_its_wave(
         vx.models.gear_pair(1.0, 1.0, inertias=[1.0])
 
 
+@pytest.mark.slow
 def test_a_ram_falls_under_its_pulse_and_then_freely():
     force, span, g, r = 30.0, 0.2, 9.81, 0.3
     system = vx.models.drop_hammer(force, span, restitution=r)

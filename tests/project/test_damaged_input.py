@@ -222,6 +222,7 @@ def test_datasets_of_sweeps(swept, data):
     assert is_sentence(message)
 
 
+@pytest.mark.slow
 @FEW
 @given(data=st.data())
 def test_datasets_of_branches(followed, data):

@@ -20,7 +20,13 @@ ROUNDING = 1e-12
 PAGE = (ROOT / "docs/explanation/published.md").read_text()
 
 
-@pytest.mark.parametrize("name", published.SOURCES)
+# Their programs take long to compile.
+LARGE = ("beam", "bead_column")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE)) for name in published.SOURCES]
+)
 def test_printed_numbers_are_met_or_differ_for_a_reason(name, tmp_path):
     values = published.SOURCES[name].values()
     for one in values:

@@ -46,6 +46,7 @@ def test_a_sweep_of_a_function_in_a_file(file, capsys):
     assert main(["plot", "s.nc", "--out", "s.png"]) == 0
 
 
+@pytest.mark.slow
 def test_a_branch_of_a_function_in_a_file(file, capsys):
     pytest.importorskip("h5netcdf")
     typed = [
@@ -126,6 +127,7 @@ def test_pictures_of_a_family():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("Speed", "Clearance")
 
 
+@pytest.mark.slow
 def test_the_branch_of_a_family_with_moving_stops_is_drawn():
     def shaker(frequency, travel=0.1):
         motion = vx.Harmonic([travel * frequency], frequency)

@@ -24,8 +24,9 @@ from .._sweep.quantities import checked_quantities
 from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import machine_at
 from .._system.system import AnySystem, ImpactSystem, machine_of
+from .._trajectory.results import RESULTS
 from .._trajectory.simulate import simulate_all
-from .._trajectory.solution import RESULTS, Solution
+from .._trajectory.solution import Solution
 from .branch import Branch
 from .tolerances import LEFT_ORBIT
 

@@ -16,8 +16,8 @@ from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state
 from .._orbits.search import StroboscopicMap, frame_offset
 from .._orbits.sequence import NOTHING, Instants, Sequence, is_same_sequence, kinds_of, sequence_of
 from .._trajectory.loop import Choices
+from .._trajectory.results import RESULTS
 from .._trajectory.single_call import run_for_log
-from .._trajectory.solution import RESULTS
 from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
 from .batch_corrector import can_correct_many, correct_many
 from .batch_margins import margins_of_cycles

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Flag, Scalar, matvec, with_derivative_of
 from .._jax.concrete import stop_gradients
-from .._jax.xla import compute_once, is_any
+from .._jax.xla import compute_once, is_any, of_parts
 from .._machine.machine import Machine, state_before_contact
 from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State
 from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
@@ -111,7 +111,7 @@ def resolve(
         )
     return jax.lax.cond(
         is_any(is_event if jumps is None else is_now),
-        lambda: compute_once(_switch, machine, state, after, instant, events, torn, impulse, jumps, sticks),
+        lambda: of_parts(_switch, machine, state, after, instant, events, torn, impulse, jumps, sticks),
         lambda: (after, instant),
     )
 

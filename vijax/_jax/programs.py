@@ -14,6 +14,7 @@ import numpy as np
 
 from .announcing import Stage, announce
 from .concrete import is_tracer
+from .garbage import without_garbage_collection
 from .memory_maps import make_room, note_holder, note_program
 from .program_store import ProgramStore, StoredProgram, key_of, program_store
 
@@ -188,7 +189,8 @@ class Programs:
     def _lowered(self, key: _Key) -> tuple[Any, _Static]:
         """A program that is traced and lowered, and the tree of its results."""
         parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
-        lowered = self._plain.trace(key.static, *parts).lower()
+        with without_garbage_collection():
+            lowered = self._plain.trace(key.static, *parts).lower()
         return lowered, self._results[key.static]
 
     @cached_property

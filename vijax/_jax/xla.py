@@ -183,6 +183,11 @@ def as_part(function: Callable, *args):
     return _own_kernel(function, args) if _parts.are_kernels else function(*args)
 
 
+def of_parts(function: Callable, *args):
+    """`compute_once`; under `in_parts` the function as it stands, whose own calls of `compute_once` are the kernels."""
+    return function(*args) if _parts.are_kernels else compute_once(function, *args)
+
+
 def _own_kernel(function: Callable, args: tuple):
     """Call `function` as a kernel of the arrays that it reads; results that are arguments are not among its own."""
     is_array = lambda a: isinstance(a, jax.Array)  # noqa: E731

@@ -33,9 +33,10 @@ from .._system.periodicity import refuse_without_period
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import EventLog
 from .._trajectory.loop import Choices
+from .._trajectory.results import RESULTS
 from .._trajectory.simulate import simulate
 from .._trajectory.single_call import run_for_log
-from .._trajectory.solution import RESULTS, Solution
+from .._trajectory.solution import Solution
 from .candidate_cycle import multipliers_of
 from .cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of, residual, state_at, traverse
 from .find import OrbitSolution

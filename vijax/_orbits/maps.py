@@ -18,8 +18,8 @@ from .._machine.state import State
 from .._system.checks import FINITE, check_number, not_finite, refuse
 from .._system.periodicity import check_period
 from .._system.system import AnySystem, ImpactSystem, machine_of, refuse_switching, with_args
+from .._trajectory.results import RESULTS, result_sentences
 from .._trajectory.simulate import Settings, simulate_with, warn_about_reverse_steps
-from .._trajectory.solution import RESULTS, result_sentences
 
 
 @padding_allowed

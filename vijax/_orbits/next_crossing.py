@@ -25,8 +25,8 @@ from .._system.contact import AbstractRigidLimit, Contact
 from .._system.restitution import restitution_of_contacts
 from .._system.system import AnySystem, ImpactSystem, machine_of, refuse_switching, with_args
 from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
+from .._trajectory.results import RESULTS, result_sentences
 from .._trajectory.simulate import bound_of_steps, warn_about_reverse_steps
-from .._trajectory.solution import RESULTS, result_sentences
 from .next_impact import default_end_time
 
 _SIDES = {"up": 1.0, "down": -1.0}

@@ -16,8 +16,8 @@ from .._system.checks import check_shape, refuse, validate_start
 from .._system.system import AnySystem, ImpactSystem, machine_of, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
+from .._trajectory.results import RESULTS, result_sentences
 from .._trajectory.simulate import bound_of_steps, warn_about_reverse_steps
-from .._trajectory.solution import RESULTS, result_sentences
 from .maps import wrong_stop
 
 # Forcing periods after which to give up.

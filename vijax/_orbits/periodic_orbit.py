@@ -16,7 +16,7 @@ from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
 from .._system.system import AnySystem, with_args
 from .._trajectory.concrete_machine import known_machine
-from .._trajectory.solution import result_sentences
+from .._trajectory.results import result_sentences
 from .autonomous import autonomous_orbit, is_undriven
 from .find import find
 from .maps import angle_of

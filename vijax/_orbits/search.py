@@ -27,8 +27,9 @@ from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
 from .._trajectory.loop import UNLIMITED_STEPS, Choices, LoopArguments
+from .._trajectory.results import RESULTS
 from .._trajectory.single_call import run_for_log, run_single_call, run_with_jacobian
-from .._trajectory.solution import RESULTS, Solution
+from .._trajectory.solution import Solution
 from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
 from .newton import scale_of

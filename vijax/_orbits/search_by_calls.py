@@ -16,7 +16,7 @@ from .._jax.packing import Packed, pack
 from .._jax.xla import jit_lightly
 from .._trajectory.instant_codes import instants_of
 from .._trajectory.one_call import EVENTS, CallProgress, Found, KnownMachine
-from .._trajectory.solution import RESULTS
+from .._trajectory.results import RESULTS
 from .search import FollowedMap, Search, StroboscopicMap, begin_search, run_request, search_step
 from .sequence import Instants, kinds_of
 

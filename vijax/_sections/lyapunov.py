@@ -27,8 +27,8 @@ from .._trajectory.lyapunov_loop import (
     no_growth,
     result_of,
 )
+from .._trajectory.results import RESULTS, result_sentences
 from .._trajectory.simulate import bound_of_steps
-from .._trajectory.solution import RESULTS, result_sentences
 
 # Steps of one call, a second or less: between calls Ctrl-C works, and progress is shown.
 _TURNS = 1 << 17

@@ -15,7 +15,7 @@ from .._system.contact import AbstractLimit
 from .._system.parameters import axis_names
 from .._system.system import ImpactSystem
 from .._trajectory.lyapunov_loop import exponents, in_blocks
-from .._trajectory.solution import RESULTS
+from .._trajectory.results import RESULTS
 from .outcomes import code_of
 from .quantities import DIMS, of_points, quantity_tables
 

@@ -6,7 +6,7 @@ import xarray as xr
 
 from .._dataset_checks import check_columns
 from .._jax.users_line import users_line
-from .._trajectory.solution import RESULTS
+from .._trajectory.results import RESULTS
 
 _NAMES = list(RESULTS._name_to_item)
 

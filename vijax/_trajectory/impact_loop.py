@@ -25,7 +25,7 @@ from .._machine.machine import (
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State
 from .loop import is_finite
-from .solution import RESULTS
+from .results import RESULTS
 from .step import flight_to, initial_state, outcome
 
 

@@ -27,7 +27,8 @@ from .._machine.state import State
 from .batched import Writing, put, row_of_lane, to_all
 from .event_log import Log, empty_log, event_log, log_row
 from .grazing import Grazing, no_grazing, update_grazing
-from .solution import RESULTS, Solution
+from .results import RESULTS
+from .solution import Solution
 from .step import flight_to, initial_state, outcome
 
 # `max_turns` of a call without a pause: the largest 32-bit integer, as JAX may have no 64-bit ones.

@@ -14,7 +14,7 @@ from .._machine.numbers import MachineNumbers
 from .._machine.state import State
 from .loop import is_finite, run_without_derivatives
 from .one_call import empty_progress
-from .solution import RESULTS
+from .results import RESULTS
 from .step import initial_state
 from .tangent_frame import Tangents, advance_with, first_tangents
 

@@ -24,8 +24,9 @@ from .chunked import MOST_EVENTS, follow_known
 from .concrete_machine import known_machine, remembered
 from .loop import UNLIMITED_STEPS, Choices, LoopArguments
 from .one_call import EVENTS
+from .results import RESULTS, result_sentences
 from .single_call import run_single_call
-from .solution import RESULTS, Solution, result_sentences
+from .solution import Solution
 from .unfelt_force import warn_of_unfelt_force
 
 

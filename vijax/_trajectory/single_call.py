@@ -29,7 +29,8 @@ from .loop import (
     steps_fit_one_kernel,
 )
 from .replay import repeat_flights
-from .solution import RESULTS, Solution
+from .results import RESULTS
+from .solution import Solution
 
 _Whole = tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, Choices]
 

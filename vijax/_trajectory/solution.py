@@ -1,8 +1,6 @@
 """Result of `simulate`, and its evaluation at any time."""
 
-from collections.abc import Sequence
-from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -11,75 +9,25 @@ import lazy_loader
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
-from .._flow.smooth_flow import coast
 from .._hybrid.limits import EVENT_NAMES
-from .._hybrid.switching_resets import forces_between_events
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
 from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked
 from .._jax.packing import Packed
-from .._jax.xla import compile_lightly, differentiable, jit_lightly, padding_allowed
-from .._machine.machine import Machine, in_periods, state_before_contact
-from .._machine.state import with_memory
+from .._jax.xla import differentiable, padding_allowed
+from .._machine.machine import Machine
 from .._printing import as_html, as_text, describe_solution
+from .evaluation import Evaluated, Times, coasted, followed, motion_of_stops
 from .event_log import EventLog, Restarts
 from .grazing import Grazing
+from .results import RESULTS
+from .solution_dataset import dataset_of
 
 if TYPE_CHECKING:
     import xarray as xr
 else:  # with pandas it takes as long to import as everything else of a trajectory
     xr = lazy_loader.load("xarray")
-
-
-class RESULTS(eqx.Enumeration):
-    """Results of a trajectory, each with a message that says what to do."""
-
-    successful = "successful: the motion reached its end."
-    max_events_reached = (
-        "max_events_reached: the motion is complete, but there were more events than the log holds. "
-        "Increase `max_events`, or shorten the time span."
-    )
-    max_impacts_reached = (
-        "max_impacts_reached: the motion is complete, but there were more impacts than are recorded. "
-        "Increase `max_impacts`, or record fewer periods."
-    )
-    max_steps_reached = (
-        "max_steps_reached: the motion stopped before its end, because it took too many steps. "
-        "Increase `max_steps`; if that does not help, look for a scale of time far shorter than the rest, "
-        "or a force that jumps."
-    )
-    non_finite = (
-        "non_finite: the motion stopped before its end at a number that is infinite or NaN. "
-        "Check that the system, the start, and a force with its derivatives, are finite and of moderate size."
-    )
-    unsound_start = (
-        "unsound_start: nothing was simulated, because the start lies beyond a stop, times are out of "
-        "order, or a number is not finite. Start every mass between its stops, with t0 <= ts <= t1."
-    )
-    max_reverse_steps_reached = (
-        "max_reverse_steps_reached: no longer used, as derivatives in reverse mode have no bound on the steps any more. "
-        "Leave out `max_reverse_steps`."
-    )
-    friction_paradox = (
-        "friction_paradox: the motion stopped before its end, where contacts with friction neither hold, slip nor open in agreement "
-        "with the laws (Painleve). Lower the coefficients of friction, or let a contact yield: `vx.CompliantContact`."
-    )
-
-
-def result_sentences(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, list[str]]:
-    """Arguments of `checked` for a result code: number of the sentence to raise, or 0, and all sentences."""
-    known = concrete(result._value)
-    number = result._value if known is None else known
-    for one in allowed:
-        number = array_namespace(number).where(number == np.asarray(one._value), 0, number)
-    return number, [*_sentences(result._enumeration)]
-
-
-@cache
-def _sentences(results: Any) -> list[str]:
-    return [results[getattr(results, name)] for name in results._name_to_item]
 
 
 class Solution(eqx.Module):
@@ -329,7 +277,7 @@ class Solution(eqx.Module):
             height_above_table = sol.evaluate(2.0)[0] - sol.evaluate_stops(2.0)[0]
             ```
         """
-        evaluate = _evaluate_stops
+        evaluate = motion_of_stops
         for _ in range(self.t1.ndim):
             evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
         return evaluate(self.machine, jnp.asarray(t, self.t0.dtype))
@@ -362,7 +310,7 @@ class Solution(eqx.Module):
                 f"`to_xarray` labels one trajectory or one batch, but this is a batch of shape {self.t1.shape}: "
                 "label its parts."
             )
-        return _dataset(self)
+        return dataset_of(self)
 
     def __repr__(self) -> str:
         return as_text(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
@@ -371,7 +319,7 @@ class Solution(eqx.Module):
         return as_html(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
 
     @padding_allowed
-    def _at(self, t: Numbers) -> "_Evaluated":
+    def _at(self, t: Numbers) -> "Evaluated":
         if self.t1.ndim == 0 and not is_traced((self, t)):
             return _evaluate_known(self, np.asarray(t, self.t0.dtype))
         times = jnp.asarray(t, self.t0.dtype)
@@ -379,7 +327,7 @@ class Solution(eqx.Module):
         is_outside = _is_outside(self, times)
         if concrete(is_outside):
             raise ValueError(_OUTSIDE)
-        found = _Evaluated(*(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found))
+        found = Evaluated(*(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found))
         return checked(found, is_outside.astype(int), ("", _OUTSIDE))
 
 
@@ -407,16 +355,7 @@ def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
     return ~((t >= t0 - slack) & (t <= t1 + slack)).all()
 
 
-class _Evaluated(NamedTuple):
-    """A motion at times: positions, velocities, forces of contacts and friction, and accelerations."""
-
-    x: Array
-    v: Array
-    force: Array
-    acceleration: Array
-
-
-def _evaluate_known(solution: Solution, times: np.ndarray) -> _Evaluated:
+def _evaluate_known(solution: Solution, times: np.ndarray) -> Evaluated:
     """The motion at concrete times, `_TIMES` of them at once."""
     if _is_outside(solution, times):
         raise ValueError(_OUTSIDE)
@@ -429,46 +368,16 @@ def _evaluate_known(solution: Solution, times: np.ndarray) -> _Evaluated:
     parts = []
     for k in range(0, t.size, _TIMES):
         starts = jax.tree.map(lambda a, k=k: a[row[k : k + _TIMES]], rows)
-        request = _Times(rows.phase[0], starts, t[k : k + _TIMES], t0, np.asarray(solution.max_steps))
-        parts.append(_coasted(solution.prepared, request))
+        request = Times(rows.phase[0], starts, t[k : k + _TIMES], t0, np.asarray(solution.max_steps))
+        parts.append(coasted(solution.prepared, request))
     is_known = (t <= known_until)[:, None]
     whole = (np.where(is_known, np.concatenate(columns), np.nan) for columns in zip(*parts, strict=True))
-    return _Evaluated(*(jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole))
-
-
-class _Times(NamedTuple):
-    """Times of an evaluation, with the restart before each.
-
-    Attributes:
-        phase0: phase of the load at the start of the trajectory, (2, harmonics).
-        starts: the restarts, (times, ...).
-        times: the times, (times,).
-        t0: start of the trajectory.
-        max_steps: bound on its steps.
-    """
-
-    phase0: Reals
-    starts: Restarts
-    times: Reals
-    t0: Reals
-    max_steps: Reals
-
-
-@jit_lightly
-def _coasted(prepared: Packed, request: _Times) -> _Evaluated:
-    """The motion at the times of a request."""
-    machine, flow = prepared.unpacked_by_kernel()
-    flow = flow.compact()
-
-    def at(start: Restarts, t: Scalar) -> _Evaluated:
-        return _from_restart(machine, flow, request.phase0, start, t, request.t0, request.max_steps)
-
-    return jax.vmap(at)(request.starts, request.times)
+    return Evaluated(*(jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole))
 
 
 def _evaluate_batch(
     solution: Solution, times: Float[Array, "..."], *, in_axes: tuple[int, int | None]
-) -> _Evaluated:
+) -> Evaluated:
     """The motion at times, of each trajectory of a batch; NaN where it is unknown."""
     evaluate = _evaluate_all
     for _ in range(solution.t1.ndim):
@@ -476,18 +385,11 @@ def _evaluate_batch(
     return evaluate(solution, times)
 
 
-def _evaluate_all(solution: Solution, times: Float[Array, " times"]) -> _Evaluated:
+def _evaluate_all(solution: Solution, times: Float[Array, " times"]) -> Evaluated:
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
 
 
-@compile_lightly
-def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
-    num = machine.contacts.num_stops
-    of_one = lambda t: tuple(a[:num] for a in machine.stops_at(machine.phase_at(t)))  # noqa: E731
-    return jnp.vectorize(of_one, signature="()->(stops),(stops)")(times)
-
-
-def _evaluate(solution: Solution, t: Scalar) -> _Evaluated:
+def _evaluate(solution: Solution, t: Scalar) -> Evaluated:
     """Follow the smooth motion from the last event before t."""
     rows = solution.restarts
     t = jnp.clip(t, solution.t0, solution.t1)
@@ -495,81 +397,5 @@ def _evaluate(solution: Solution, t: Scalar) -> _Evaluated:
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
     request = solution.prepared, rows.phase[0], start, t, solution.t0, solution.max_steps
-    found = differentiable(_followed, request)
-    return _Evaluated(*(jnp.where(is_known, a, jnp.nan) for a in found))
-
-
-def _followed(request: tuple) -> _Evaluated:
-    """Follow the smooth motion by a loop, which JAX differentiates forwards alone."""
-    prepared, *rest = request
-    machine, flow = prepared.unpacked()
-    return _from_restart(machine, flow.compact(), *rest)
-
-
-def _from_restart(
-    machine: Machine,
-    flow: AbstractFlow,
-    phase0: Reals,
-    start: Restarts,
-    t: Scalar,
-    t0: Reals,
-    max_steps: Reals,
-) -> _Evaluated:
-    """Follow the smooth motion from an event to a time before the next."""
-    state = state_before_contact(machine, start.phase, start.x, start.v, start.held)
-    state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
-    if start.mode is not None:
-        state = eqx.tree_at(lambda s: s.mode, state, start.mode)
-    if start.knots is not None:
-        state = eqx.tree_at(lambda s: s.knots, state, start.knots)
-    state = with_memory(state, flow.memory(state.time))
-    # At a logged event time the state is the logged one to the last bit.
-    then, here = in_periods(machine, t - t0), (start.periods, start.time)
-    periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
-    now = machine.in_mode(state)
-    state = coast(flow, now, state, phase0, periods, time, max_steps)
-    hold = now.hold(state.held)
-    force = now.total_force(state)
-    acceleration = now.acceleration_in_space(state, force, hold)
-    if state.mode is not None:
-        return _Evaluated(*machine.in_space(state), forces_between_events(machine, state), acceleration)
-    pressing = now.contacts.contact_force(force, hold, state.phase)
-    return _Evaluated(*machine.in_space(state), jnp.where(state.held, pressing, 0), acceleration)
-
-
-@padding_allowed
-def _dataset(solution: Solution) -> "xr.Dataset":
-    """Dataset of one trajectory, or of a batch with lanes first."""
-    log, grazing = solution.events, solution.grazing
-    longest = int(jnp.max(solution.num_events, initial=0))
-    names = ["stop", "kind", "velocity_minus", "velocity_plus", "impulse"]
-    names += [] if log.friction_impulse is None else ["friction_impulse"]
-    events = {"event_time": log.t} | {f"event_{name}": getattr(log, name) for name in names}
-    columns: dict[str, tuple[tuple[str, ...], Any]] = {
-        "x": (("time", "mass"), solution.xs),
-        "v": (("time", "mass"), solution.vs),
-        **{name: (("event",), a[..., :longest]) for name, a in events.items()},
-        "x1": (("mass",), solution.x1),
-        "v1": (("mass",), solution.v1),
-        "stuck1": (("stop",), solution.stuck1),
-        **({"sticking1": (("friction",), solution.sticking1)} if solution.sticking1.shape[-1] else {}),
-        **({"sliders1": (("hysteresis",), solution.sliders1)} if solution.num_sliders else {}),
-        "result": ((), solution.result._value),
-        **{
-            name: ((), getattr(solution, name))
-            for name in ("num_events", "num_steps", "num_rejected", "t0", "t1")
-        },
-        **{f"grazing_{f}": ((), getattr(grazing, f)) for f in ("impact_speed", "clearance", "is_near")},
-    }
-    lanes = ("lane",) * solution.t1.ndim
-    variables = {name: ((*lanes, *dims), np.asarray(a)) for name, (dims, a) in columns.items()}
-    ts, of_time = np.asarray(solution.ts), (*lanes, "time")
-    if lanes and (ts == ts[:1]).all():  # one time axis for all lanes, for selection by time
-        ts, of_time = ts[0], ("time",)
-    ds = xr.Dataset(variables, {"time": (of_time, ts)}, versions() | {"dtype": str(solution.t1.dtype)})
-    for name, variable in ds.variables.items():
-        variable.attrs = variable_attributes(str(name))
-    for name, meanings in (("event_kind", EVENT_NAMES), ("result", tuple(RESULTS._name_to_item))):
-        ds[name] = ds[name].astype(np.int8)
-        ds[name].attrs |= flags(meanings)
-    return ds
+    found = differentiable(followed, request)
+    return Evaluated(*(jnp.where(is_known, a, jnp.nan) for a in found))

@@ -18,7 +18,7 @@ from .._flow.interface import AbstractFlow, Flight
 from .._hybrid import coupled_impacts, diagonal_impacts, switching_resets
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar, clip_to_zero, smallest
-from .._jax.xla import as_part, compute_once
+from .._jax.xla import as_part, of_parts
 from .._machine.machine import Machine
 from .._machine.state import State, with_memory
 
@@ -94,7 +94,7 @@ def _flight_to_knot(
 
 
 def outcome(
-    machine: Machine, flight: Flight, call: Callable[..., tuple[State, Instant]] = compute_once
+    machine: Machine, flight: Flight, call: Callable[..., tuple[State, Instant]] = of_parts
 ) -> tuple[State, Instant]:
     """Second half of `advance`: the state after the step, and the transition there; `call` calls the law of impacts."""
     law = _resets_of(machine)

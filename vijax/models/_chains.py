@@ -5,9 +5,10 @@ from jaxtyping import ArrayLike
 
 from .._jax.arrays import as_float, whole_number
 from .._jax.concrete import evaluate_eagerly
+from .._system.chain import chain
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
-from .._system.system import ImpactSystem, chain
+from .._system.system import ImpactSystem
 
 
 def wagg_bishop_a(frequency: ArrayLike, amplitude: ArrayLike = 0.3) -> ImpactSystem:

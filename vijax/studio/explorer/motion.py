@@ -16,8 +16,9 @@ from ..._sections.classify import MOTIONS, classified
 from ..._sweep.provenance import system_of
 from ..._system.parameters import get_parameter, parameter_names, set_parameter
 from ..._system.system import AnySystem, bound
+from ..._trajectory.results import RESULTS
 from ..._trajectory.simulate import simulate
-from ..._trajectory.solution import RESULTS, Solution
+from ..._trajectory.solution import Solution
 from ...plot._labels import swept_paths
 from ...plot._ordinates import ordinates
 
