@@ -218,3 +218,24 @@ def test_a_mode_that_touches_two_stops_at_once_without_a_symmetry_is_followed_up
     ds = vx.nonsmooth_modes(system, 9.0, modes=[0], progress=False)
     assert ds.attrs["ends"] == "0: several_impacts"
     np.testing.assert_allclose(np.abs(ds.x0[-1]), first)
+
+
+@pytest.mark.slow
+def test_a_mode_between_equal_stops_hits_both_half_a_period_apart():
+    # A run from the touch hits one stop, is thrown off by it, and misses the other.
+    stops = [vx.Stop(1, 1.0, "upper", 1.0), vx.Stop(1, -1.0, "lower", 1.0)]
+    system = vx.ImpactSystem([1.0, 1.3], np.zeros((2, 2)), [[2.0, -1.0], [-1.0, 2.0]], stops=stops)
+    families = vx.nonsmooth_modes(system, max_points=40, progress=False)
+    for k in (0, 1):
+        one = families.where(families.mode == k, drop=True)
+        beyond = one.isel(point=slice(20, None))
+        assert beyond.sizes["point"] > 5
+        assert (beyond.num_impacts == 1).all()
+        for point in (beyond.isel(point=0), beyond.isel(point=-1)):
+            half = vx.simulate(
+                system, 0.0, float(point.period) / 2, point.x0.values, point.v0.values, max_events=8
+            )
+            np.testing.assert_allclose(half.x1, -point.x0, atol=1e-9)
+            np.testing.assert_allclose(half.v1, -point.v0, atol=1e-9)
+    touch = families.energy.where(families.mode == 0, drop=True)[19:21]
+    assert 0 < float(touch[1] / touch[0]) - 1 < 1e-3

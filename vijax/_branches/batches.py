@@ -21,9 +21,15 @@ _WORTH_IT, _CHEAPER = 512, 32
 
 
 class Stock:
-    """Stacked families of one tree structure and shapes; several tasks may share one. `has_grip` with friction of contacts."""
+    """Stacked families of one tree structure and shapes; several tasks may share one.
+
+    Attributes:
+        has_grip: True with friction of contacts.
+        switches: True for machines whose forces switch.
+    """
 
     def __init__(self, families: dict[int, ParameterFamily]):
+        self.switches = any(family.is_switching for family in families.values())
         self.has_grip = any(family.has_tied_friction for family in families.values())
         own = {id(family): family for family in families.values()}
         self.rows = pack(stacked(list(own.values())), has_rows=True)
@@ -32,7 +38,8 @@ class Stock:
 
     def form(self, num: int) -> "Form":
         """Form in which a kernel is called for so many of the tasks."""
-        return BATCHES if len(self.place) >= _WORTH_IT and num >= _CHEAPER else SINGLES
+        few = RUNS_BEHIND if self.switches else SINGLES
+        return BATCHES if len(self.place) >= _WORTH_IT and num >= _CHEAPER else few
 
     def of(self, tasks: Many[int]) -> Packed:
         """Families of some tasks."""
@@ -44,13 +51,15 @@ class Form(NamedTuple):
 
     size: int
     tries: int
-    room: int
+    room: int | None
 
 
 # SINGLES: each of few branches takes many steps in a call, and one program serves most simulations. It is that of one branch
 # without `vmap`, see `each_row`.
+# RUNS_BEHIND: the same of machines whose forces switch, whose runs are made by the program of `simulate`. That costs 0.3 ms a
+# point, a fifteenth of it; of rigid contacts alone it would be a third.
 # BATCHES: corrections of many are written out, one step in a call, which runs as often as there are branches for it.
-SINGLES, BATCHES = Form(1, 16, ROOM_OF_SIMULATION), Form(64, 1, 0)
+SINGLES, RUNS_BEHIND, BATCHES = Form(1, 16, ROOM_OF_SIMULATION), Form(1, 16, None), Form(64, 1, 0)
 
 
 def stacked(trees: list) -> Any:
@@ -60,7 +69,7 @@ def stacked(trees: list) -> Any:
 
 def call(program: Callable, stock: Stock, tasks: Many[int], rows: Any) -> dict[int, Any]:
     """Results of a kernel for some tasks and the rows of its other arguments, computed batch by batch."""
-    run, size = _compiled(program), stock.form(len(tasks)).size
+    run, size = compiled(program), stock.form(len(tasks)).size
     return answers(tasks, in_parts(run, size, stock.of(tasks), pack(rows, has_rows=True))[0])
 
 
@@ -93,7 +102,7 @@ def _taken(rows: Packed | np.ndarray, part: np.ndarray) -> Packed | np.ndarray:
 
 
 @cache
-def _compiled(program: Callable) -> Callable:
+def compiled(program: Callable) -> Callable:
     """A compiled kernel of packed rows, batched by `vmap`."""
 
     def of_rows(families: Packed, arguments: Packed) -> tuple[Packed]:
@@ -119,7 +128,7 @@ def compiled_steps(form: Form) -> Callable:
 
     of_rows.__name__ = "take_steps"
     run = jit_lightly(of_rows, name=(take_steps.__module__, *form))
-    if form is SINGLES:
+    if form is not BATCHES:
         return run
     correct = _compiled_corrections()
     return lambda *rows: run(*rows, correct(*rows[:4]))

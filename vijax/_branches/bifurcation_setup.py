@@ -1,5 +1,7 @@
 """Defining system of a bifurcation that was found on a branch."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from .._hybrid.limits import CLOSE, IMPACT, RELEASE, SLIP
@@ -151,7 +153,10 @@ def _with_switching_event(
     seen = _seen(family, sequence, place)
     watched, num = seen.watched, sequence.mode.shape[1]
     tests = [test for test in tests_of(sequence) if public_kind(kind_at(test, sequence, seen)) == kind]
-    test = min(tests, key=lambda test: abs(test.of(seen)))
+    is_grazing = kind == Kind.GRAZING
+    test = (
+        _vanishing(tests, sequence, seen) if is_grazing else min(tests, key=lambda test: abs(test.of(seen)))
+    )
     k = test.index
     if test.kind == Kind.TEAR:
         flight = int(watched.rise_flight[k])
@@ -188,10 +193,17 @@ def _with_switching_event(
 def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
     """Test function that vanishes at the point."""
     wanted = (Kind.GRAZING, Kind.TOUCH) if kind == Kind.GRAZING else (kind,)
-    tests = [test for test in tests_of(sequence) if test.kind in wanted]
-    # A grazing impact is also a touch, with a gap of exactly zero: the impact takes precedence.
+    return _vanishing([test for test in tests_of(sequence) if test.kind in wanted], sequence, seen)
+
+
+def _vanishing(tests: Iterable[TestFunction], sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
+    """The test function that vanishes: a grazing impact is also a touch, with a gap of exactly zero, and takes precedence."""
     light = NO_SPEED * np.abs(seen.start[len(seen.start) // 2 :]).max()
-    impacts = [test for test in tests if test.kind == Kind.GRAZING and abs(test.of(seen)) < light]
+    impacts = [
+        test
+        for test in tests
+        if test.kind == Kind.GRAZING and sequence.kind[test.index] == IMPACT and abs(test.of(seen)) < light
+    ]
     return min(impacts or tests, key=lambda test: abs(test.of(seen)))
 
 

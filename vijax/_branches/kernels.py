@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Scalar
+from .._jax.packing import Packed, pack
 from .._machine.numbers import numbers_of
 from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
@@ -198,48 +199,108 @@ def _with_rates(
     return CorrectedCycle(found, watched, rates, start - frame_offset(problem), past)
 
 
+class Begun(NamedTuple):
+    """A run of the machine that is asked for.
+
+    Attributes:
+        start: its start in space, (2 n,).
+        length: its length, in forcing periods.
+    """
+
+    start: Float[Array, " state"]
+    length: Scalar
+
+
 def simulate_motion(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
 ) -> SimulatedMotion:
     """Simulate the machine from a start in space, or from the start of a cycle where that is NaN."""
-    if family.is_autonomous:
-        return _simulate_autonomous(family, sequence, place, start)
-    room = len(sequence.kind)
-    away = frame_offset(family.problem(sequence, place.p))
-    start = jnp.where(jnp.isnan(start), family.unknowns(place).z - away, start)
-    other, flights, is_whole = _run(family, place.p, start, family.num_periods, room)
-    is_alike = is_whole & is_same_sequence(sequence, place.flights, other, flights)
-    return SimulatedMotion(is_alike, other, flights, (start + away) / family.scale)
+    begun = begin_motion(family, sequence, place, start)
+    numbers, room = numbers_of(family.system_at(place.p)), room_of_log(len(sequence.kind))
+    strobe = StroboscopicMap(numbers, family.flow, begun.length, family.phase, room)
+    choices = Choices(can_stick=True, room=room)
+    log, result, _ = run_for_log(numbers, family.flow, strobe.request(begun.start), choices)
+    return read_motion(family, sequence, place, begun, Instants.of(log), result == RESULTS.successful)
 
 
-def _run(
-    family: ParameterFamily, p: Scalar, start: Float[Array, " state"], length: Scalar, room: int
-) -> tuple[Sequence, Float[Array, " events"], Bool[Array, ""]]:
-    """Events of a run from a start in space, the durations of its flights, and true if there was room for all."""
-    numbers = numbers_of(family.system_at(p))
-    room_of_log = room + int(_STICKS * room)
-    strobe = StroboscopicMap(numbers, family.flow, length, family.phase, room_of_log)
-    choices = Choices(can_stick=True, room=room_of_log)
-    log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), choices)
-    whole, flights = sequence_of(Instants.of(log), strobe.t0, strobe.period, kinds_of(numbers))
-    other = Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1])
-    return other, flights[:room], (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
+def room_of_log(room: int) -> int:
+    """Room in the log of a simulation for so many events of a cycle."""
+    return room + int(_STICKS * room)
 
 
-def _simulate_autonomous(
+def begin_motion(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
-) -> SimulatedMotion:
-    """`simulate_motion` where no load sets the period: from the middle of the first flight, over a period of the cycle.
+) -> Begun:
+    """The run of `simulate_motion`.
 
-    From a start in space alone over a unit of time.
+    Where no load sets the period, it begins in the middle of the first flight, and lasts as long as the cycle; from a start in
+    space alone a unit of time.
     """
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    start = jnp.where(jnp.isnan(start), start_in_middle(problem, unknowns), start)
+    if not family.is_autonomous:
+        start = jnp.where(jnp.isnan(start), unknowns.z - frame_offset(problem), start)
+        return Begun(start, jnp.asarray(family.num_periods))
     known = jnp.sum(place.flights)
-    length = jnp.where(known > 0, known, family.num_periods)
-    other, flights, is_whole = _run(family, place.p, start, length, len(sequence.kind))
-    is_alike = is_same_sequence(sequence, from_middle(unknowns).flights, other, flights)
-    z, flights = after_last_event(family.problem(other, place.p), start, flights, length)
+    start = jnp.where(jnp.isnan(start), start_in_middle(problem, unknowns), start)
+    return Begun(start, jnp.where(known > 0, known, family.num_periods))
+
+
+class Run(NamedTuple):
+    """A run of a machine.
+
+    Attributes:
+        machine: its numbers and its flow, packed, see `KnownMachine`.
+        begun: where it begins, and how long it is.
+        times: at its start and its end, (2,).
+    """
+
+    machine: Packed
+    begun: Begun
+    times: Float[Array, "2"]
+
+
+def run_of(family: ParameterFamily, seen: CorrectedCycle) -> Run:
+    """The run from a corrected cycle, with the numbers of `begin_motion`."""
+    known = jnp.sum(seen.found.place.flights)
+    length = jnp.asarray(family.num_periods)
+    length = jnp.where(known > 0, known, length) if family.is_autonomous else length
+    return _asked(family, seen.found.place.p, Begun(seen.start, length))
+
+
+def run_from(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
+) -> Run:
+    """The run of `simulate_motion`."""
+    return _asked(family, place.p, begin_motion(family, sequence, place, start))
+
+
+def _asked(family: ParameterFamily, p: Scalar, begun: Begun) -> Run:
+    numbers = numbers_of(family.system_at(p))
+    strobe = StroboscopicMap(numbers, family.flow, begun.length, family.phase, 0)
+    times = jnp.stack([strobe.t0, strobe.t0 + begun.length * strobe.period])
+    return Run(pack((numbers, family.flow)), begun, times)
+
+
+def read_motion(
+    family: ParameterFamily,
+    sequence: Sequence,
+    place: ExtendedCycle,
+    begun: Begun,
+    instants: Instants,
+    is_successful: Bool[Array, ""],
+) -> SimulatedMotion:
+    """The motion of a run, from its instants."""
+    numbers, room = numbers_of(family.system_at(place.p)), len(sequence.kind)
+    strobe = StroboscopicMap(numbers, family.flow, begun.length, family.phase, room)
+    whole, flights = sequence_of(instants, strobe.t0, strobe.period, kinds_of(numbers))
+    other = Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1])
+    is_whole, flights = is_successful & (jnp.sum(whole.is_event) <= room), flights[:room]
+    if not family.is_autonomous:
+        is_alike = is_same_sequence(sequence, place.flights, other, flights)
+        z = begun.start + frame_offset(family.problem(sequence, place.p))
+        return SimulatedMotion(is_whole & is_alike, other, flights, z / family.scale)
+    is_alike = is_same_sequence(sequence, from_middle(family.unknowns(place)).flights, other, flights)
+    z, flights = after_last_event(family.problem(other, place.p), begun.start, flights, begun.length)
     return SimulatedMotion(is_whole & is_alike, other, flights, z / family.scale)
 
 
@@ -324,9 +385,20 @@ def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
     kind, stop, mode = sequence
     longer = Sequence(_longer(kind, more, NOTHING), _longer(stop, more, 0), _longer(mode, more, mode[-1]))
     return longer, *(
-        a._replace(flights=_longer(a.flights, more, 0.0)) if isinstance(a, ExtendedCycle) else a
+        a._replace(flights=_with_zeros(a.flights, more)) if isinstance(a, ExtendedCycle) else a
         for a in arguments
     )
+
+
+def padded_for_run(sequence: Sequence, arguments: tuple, room: int) -> tuple:
+    """`padded` for a simulation, which has `ROOM_OF_SIMULATION` at least."""
+    return padded(sequence, arguments, max(room, ROOM_OF_SIMULATION))
+
+
+def _with_zeros(flights: np.ndarray, more: int) -> np.ndarray:
+    """Durations of flights, along the last axis, with zeros behind."""
+    zeros = np.zeros((*np.shape(flights)[:-1], more), np.asarray(flights).dtype)
+    return np.concatenate([flights, zeros], axis=-1)
 
 
 def _longer(rows: np.ndarray, more: int, last: Any) -> np.ndarray:

@@ -20,13 +20,14 @@ import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
 from .._flow.taylor import TaylorFlow
+from .._hybrid.limits import IMPACT
 from .._jax.arrays import Count, Numbers, real_number, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._machine.switching import kinds_of_elements
 from .._orbits.autonomous import with_unit
 from .._orbits.rigid_modes import free_drifts, free_shifts
-from .._orbits.sequence import empty_sequence
+from .._orbits.sequence import Sequence as EventSequence, empty_sequence
 from .._progress import says_what_compiles, tqdm
 from .._system.family_description import attributes_of_system
 from .._system.system import AnySystem, ImpactSystem, machine_of, mass_matrix
@@ -148,16 +149,31 @@ def _linear_modes(system: ImpactSystem) -> list[_Mode]:
     found = []
     for k, (square, shape) in enumerate(zip(squares, shapes.T, strict=True)):
         if square > 1e-12 * max(abs(squares)):
-            least = min((amplitude for _, amplitude in _touches(system, shape)), default=np.inf)
+            least = min((one.amplitude for one in _touches(system, shape)), default=np.inf)
             found.append(_Mode(k, float(np.sqrt(square)), shape, least))
     return found
 
 
-def _touches(system: ImpactSystem, shape: np.ndarray) -> list[tuple[bool, float]]:
-    """Of each stop that a shape moves towards, or away from: whether it is the former, and the amplitude at which they touch."""
+class _Touch(NamedTuple):
+    """A stop that a mode touches: its number, whether the shape moves towards it, and the amplitude at which they touch."""
+
+    stop: int
+    is_ahead: bool
+    amplitude: float
+
+
+def _touches(system: ImpactSystem, shape: np.ndarray) -> list[_Touch]:
+    """The stops that a shape moves towards, or away from."""
     moves = [float(stop.along(shape)) for stop in system.stops]
     gaps = [float(stop.gap(0 * shape, np.zeros(()))) for stop in system.stops]
-    return [(a > 0, gap / abs(a)) for a, gap in zip(moves, gaps, strict=True) if a]
+    return [_Touch(j, a > 0, gap / abs(a)) for j, (a, gap) in enumerate(zip(moves, gaps, strict=True)) if a]
+
+
+def _first_touches(system: ImpactSystem, mode: _Mode) -> list[_Touch]:
+    """The stops that a mode touches first, at both ends of its swing."""
+    return [
+        one for one in _touches(system, mode.shape) if abs(one.amplitude - mode.touch) < 1e-9 * mode.touch
+    ]
 
 
 def _energy_at(mode: _Mode, amplitude: Any) -> Any:
@@ -273,11 +289,7 @@ def _are_on_circle(multipliers: np.ndarray) -> Any:
 
 def _touches_several(system: ImpactSystem, mode: _Mode) -> bool:
     """True if a mode touches several stops at one end of its swing at once."""
-    ends = [
-        end
-        for end, amplitude in _touches(system, mode.shape)
-        if abs(amplitude - mode.touch) < 1e-9 * mode.touch
-    ]
+    ends = [one.is_ahead for one in _first_touches(system, mode)]
     return len(ends) != len(set(ends))
 
 
@@ -315,10 +327,14 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) ->
         count = int(np.count_nonzero(followed.sequence.kind >= 0))
         if not 0 < count < _ROOM:
             continue
-        sequence = trimmed(followed.sequence, count)
-        flights = np.array(followed.flights[:count])
-        flights[0] = _first_flight(system, mode, 1 + more, np.asarray(followed.z))
-        z = _as_reversible(system, np.asarray(followed.z), int(sequence.stop[-1]))
+        sequence, flights = trimmed(followed.sequence, count), np.array(followed.flights[:count])
+        state = np.asarray(followed.z)
+        flights[0] = _first_flight(system, mode, 1 + more, state)
+        if (other := _other_end(system, mode, sequence)) is not None:
+            # The first impact of the run throws it off its way to the other end, where the family has one as well.
+            sequence = _impacts_at(sequence, [other, int(sequence.stop[-1])])
+            flights = np.full(2, _first_flight(system, mode, 1 + more, state, other))
+        z = _as_reversible(system, state, int(sequence.stop[-1]))
         place = ExtendedCycle(z, flights, np.asarray(0.0))
         # The velocity after the event is kept: the family goes on behind the touch to orbits that no machine follows.
         velocity = np.where(np.arange(len(place.z)) < len(fast), 0, place.z)
@@ -331,7 +347,24 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) ->
     return None
 
 
-def _first_flight(system: ImpactSystem, mode: _Mode, beyond: float, z: np.ndarray) -> float:
+def _other_end(system: ImpactSystem, mode: _Mode, sequence: EventSequence) -> int | None:
+    """The stop that a mode touches first at the other end of the swing than the last impact; None if there is none."""
+    first = {one.stop: one.is_ahead for one in _first_touches(system, mode)}
+    last = int(sequence.stop[-1])
+    if sequence.kind[-1] != IMPACT or last not in first:
+        return None
+    return next((stop for stop, is_ahead in first.items() if is_ahead != first[last]), None)
+
+
+def _impacts_at(sequence: EventSequence, stops: list[int]) -> EventSequence:
+    """A sequence of impacts at stops, free between them, for one that begins with a free flight."""
+    mode = np.repeat(sequence.mode[:1], len(stops) + 1, axis=0)
+    return EventSequence(np.full(len(stops), IMPACT), np.array(stops), mode)
+
+
+def _first_flight(
+    system: ImpactSystem, mode: _Mode, beyond: float, z: np.ndarray, stop: int | None = None
+) -> float:
     """Duration of the first flight of a cycle, in periods of the linear mode: from its last event to its first.
 
     That is the time from the last event to the middle of the swing, by the mode alone, and from there to the first touch. A
@@ -343,12 +376,13 @@ def _first_flight(system: ImpactSystem, mode: _Mode, beyond: float, z: np.ndarra
         mode: the mode.
         beyond: amplitude, as a multiple of that of the touch.
         z: state after the last event, scaled.
+        stop: the stop of the first event; that which the mode touches first, if left out.
     """
     amplitude = mode.touch * beyond
     until = min(
-        np.arcsin(touch / amplitude) + (0 if is_ahead else np.pi)
-        for is_ahead, touch in _touches(system, mode.shape)
-        if touch < amplitude
+        np.arcsin(one.amplitude / amplitude) + (0 if one.is_ahead else np.pi)
+        for one in _touches(system, mode.shape)
+        if one.amplitude < amplitude and stop in (None, one.stop)
     )
     x, v = (mode.shape @ mass_matrix(system.mass) @ a for a in np.split(z, 2))
     return float((until - np.arctan2(x, v)) % (2 * np.pi) / (2 * np.pi))

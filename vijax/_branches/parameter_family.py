@@ -99,6 +99,16 @@ class ParameterFamily(eqx.Module):
         return any(element.is_tied for element in machine_of(self.system).friction)
 
     @property
+    def is_switching(self) -> bool:
+        """True if forces of elements switch: with friction, Jenkins elements or compliant contacts."""
+        return numbers_of(machine_of(self.system)).laws is not None
+
+    @property
+    def num_sliders(self) -> int:
+        """Number of Jenkins elements."""
+        return len(machine_of(self.system).hysteresis)
+
+    @property
     def last_phase(self) -> float:
         """Forcing periods at which a cycle ends, where events pass to its start; none do where no load sets the period."""
         return np.inf if self.is_autonomous else float(self.num_periods)
@@ -110,7 +120,7 @@ class ParameterFamily(eqx.Module):
 
     def multipliers(self, pencil: Pencil, sequence: Sequence) -> Complex[Array, " state"]:
         """Floquet multipliers of a cycle from the pencil of its neighbours."""
-        erased = num_erased(sequence, len(self.system.hysteresis))
+        erased = num_erased(sequence, self.num_sliders)
         return floquet_multipliers(pencil, erased, self.all_shifts)
 
     def problem(self, sequence: Sequence, p: Reals) -> Problem:

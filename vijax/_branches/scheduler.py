@@ -6,7 +6,16 @@ from typing import Any
 
 from .._orbits.sequence import NOTHING
 from .batches import Stock, call, makes_of, stacked
-from .kernels import MOST_EVENTS, ROOM_OF_SIMULATION, padded, room_for, simulate_motion, trimmed
+from .kernels import (
+    MOST_EVENTS,
+    ROOM_OF_SIMULATION,
+    padded,
+    padded_for_run,
+    room_for,
+    simulate_motion,
+    trimmed,
+)
+from .motions import simulated
 from .parameter_family import ParameterFamily
 from .point import TooManyEvents
 from .requests import HostCall, KernelCall, Requests, T
@@ -71,9 +80,7 @@ def _without_padding(request: KernelCall[T]) -> KernelCall[T]:
 
 def answer(family: ParameterFamily, request: KernelCall[T]) -> T:
     """Answer a single request."""
-    room = room_for(len(request.sequence.kind))
-    room = max(room, ROOM_OF_SIMULATION) if request.program is simulate_motion else room
-    calls = _Calls(Stock({0: family}), room, request.program)
+    calls = _Calls(Stock({0: family}), room_for(len(request.sequence.kind)), request.program)
     calls.add(0, request)
     return calls.answer()[0]
 
@@ -103,5 +110,8 @@ class _Calls:
         """Answer all requests."""
         now, self.waiting = self.waiting, []
         tasks = [task for task, _ in now]
+        if self.program is simulate_motion:
+            own = [padded_for_run(request.sequence, request.arguments, self.room) for _, request in now]
+            return simulated(self.stock, tasks, own)
         rows = [padded(request.sequence, request.arguments, self.room) for _, request in now]
         return call(self.program, self.stock, tasks, stacked(rows))

@@ -7,15 +7,17 @@ import numpy as np
 
 from .._jax.packing import Packed, pack
 from .._orbits.sequence import Sequence
-from .batches import SINGLES, Stock, call, compiled_steps, in_parts, joined, stacked
+from .batches import SINGLES, Stock, compiled_steps, in_parts, joined, stacked
+from .followed_steps import followed
 from .kernels import (
-    ROOM_OF_SIMULATION,
     CorrectedCycle,
     SimulatedMotion,
     corrected_cycle,
     padded,
+    padded_for_run,
     simulate_motion,
 )
+from .motions import simulated
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, PlainPoint
 from .requests import KernelCall
@@ -64,6 +66,11 @@ class StepBatch:
         families = self.stock.of([member.task for member in members])
         points, found = in_parts(compiled_steps(form), form.size, families, *state, most[order])
         stepped: Stepped = found.unpacked()
+        if form.room is None:
+            tasks = [member.task for member in members]
+            stepped, points = followed(
+                self.stock, tasks, state.requests, state.points, stepped, points, self.room
+            )
         _add_points(members, stepped)
         is_left = np.array([member.is_answered(stepped, k) for k, member in enumerate(members)])
         replies |= {members[k].task: members[k].reply(stepped, int(k)) for k in np.flatnonzero(is_left)}
@@ -72,13 +79,11 @@ class StepBatch:
         return replies
 
     def _simulated(self) -> dict[int, Any]:
-        """Answers to requests for simulations alone, which in a large batch are a kernel of their own."""
+        """Answers to requests for simulations alone."""
         own = [(part.task, part.request) for part in self.new if isinstance(part, _Part) and part.simulates]
         self.new = [member for member in self.new if not member.simulates]
-        room = max(self.room, ROOM_OF_SIMULATION)
-        rows = [padded(request.sequence, request.arguments, room) for _, request in own]
-        tasks = [task for task, _ in own]
-        return call(simulate_motion, self.stock, tasks, stacked(rows)) if own else {}
+        rows = [padded_for_run(request.sequence, request.arguments, self.room) for _, request in own]
+        return simulated(self.stock, [task for task, _ in own], rows) if own else {}
 
     def _joined(self) -> "_Rows | None":
         """Requests of all branches, those of the new ones last; None if there are none."""
@@ -147,7 +152,7 @@ class _Part(NamedTuple):
 
     def reply(self, stepped: Stepped, k: int) -> Any:
         """The answer, from row `k` of the results."""
-        return (stepped.motion.at(k) if self.simulates else stepped.tries.at((k, 0))).unpacked()
+        return _motion_in(stepped, k) if self.simulates else stepped.tries.at((k, 0)).unpacked()
 
 
 class _Stepper:
@@ -206,10 +211,17 @@ class _Stepper:
         if _is_only_tried(stepped, k):
             row = stepped.tries.at((k, last))
             new = BranchPoint.of(point.sequence, row.unpacked(), point.arc + float(stepped.ds[k, last]))
-            motion: SimulatedMotion = stepped.motion.at(k).unpacked()
-            is_known = stepped.has_motion[k] and motion.is_alike
+            motion = _motion_in(stepped, k)
+            is_known = motion is not None and motion.is_alike
             tried = Tried(new, motion if is_known else None, float(stepped.next_length[k]))
         return point, float(stepped.next_ds[k]), tried
+
+
+def _motion_in(stepped: Stepped, k: int) -> SimulatedMotion | None:
+    """The motion from the end of the last try in row `k`, if that was simulated."""
+    if not stepped.has_motion[k] or stepped.motion is None:
+        return None
+    return stepped.motion.at(k).unpacked() if isinstance(stepped.motion, Packed) else stepped.motion[k]
 
 
 def _is_only_tried(stepped: Stepped, k: int) -> bool:

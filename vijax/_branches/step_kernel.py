@@ -2,6 +2,10 @@
 
 A step corrects a cycle and, if it is plain, simulates the machine from its start. Corrections and simulations alone are
 requested as well, to locate events for instance. They run in the same program, so that a process compiles one.
+
+Of machines whose forces switch the loop of a run would be half of that program. The one of few branches has none: it takes
+plain steps as if the machine followed every cycle. The runs are made behind it, by the program of `simulate`, see
+`motions.py`, and steps behind the first cycle that is not followed are dropped, see `followed_steps.py`.
 """
 
 from collections.abc import Callable
@@ -18,7 +22,15 @@ from .._jax.packing import Packed, pack
 from .._orbits.sequence import NOTHING, Sequence
 from .admissibility import LeastMargins, Margins
 from .corrector import Corrected
-from .kernels import PAST, CorrectedCycle, SimulatedMotion, corrected_cycle, corrected_cycles, simulate_motion
+from .kernels import (
+    PAST,
+    CorrectedCycle,
+    SimulatedMotion,
+    corrected_cycle,
+    corrected_cycles,
+    run_of,
+    simulate_motion,
+)
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .steps import (
     StepLimits,
@@ -62,9 +74,10 @@ class Stepped(NamedTuple):
         is_taken: flags of the steps that were taken, (tries,).
         last: number of the last try.
         is_sound: True if that is accepted and short enough.
-        has_motion: True if the machine was simulated from its end.
+        has_motion: True if the machine was simulated from its end, or is yet to be.
         next_length: length of the step after it.
-        motion: of the machine from its end, packed.
+        motion: of the machine from its end, packed; None if it is yet to be simulated.
+        runs: what to simulate, see `motions.py`, (tries, ...), packed; None if that is done.
     """
 
     point: Packed
@@ -76,18 +89,20 @@ class Stepped(NamedTuple):
     is_sound: Array
     has_motion: Array
     next_length: Array
-    motion: Packed
+    motion: Packed | None
+    runs: Packed | None
 
 
 class _Trial(NamedTuple):
-    """A corrected step with its verdicts, and the motion from its end, see `Stepped`."""
+    """A corrected step with its verdicts, and the motion from its end or the run to be made, packed, see `Stepped`."""
 
     seen: CorrectedCycle
     is_sound: Flag
     is_taken: Flag
     has_motion: Flag
     next_length: Scalar
-    motion: SimulatedMotion
+    motion: Packed | None
+    run: Packed | None
 
 
 class _State(NamedTuple):
@@ -107,7 +122,7 @@ def take_steps(
     most: Array,
     *,
     tries: int,
-    room: int,
+    room: int | None,
     seen: Packed | None = None,
 ) -> Stepped:
     """Answer a batch of requests, along the first axis.
@@ -120,7 +135,7 @@ def take_steps(
         ds: length of the first step; 0 for a correction, NaN for a simulation.
         most: most steps that each may take; 0 to try one.
         tries: most steps that are tried for each branch.
-        room: least padded number of events of a simulation.
+        room: least padded number of events of a simulation; None to make none.
         seen: result of `first_corrections`, if that was computed before; for one try.
     """
     known = seen
@@ -136,11 +151,15 @@ def take_steps(
         seen = each_row(_with_past)(seen, point, ds)
         sound, plain, length = each_row(_judged)(requests, point, seen, ds)
         has_motion = (plain | requests.simulates) & state.is_live
+        is_taken = plain & (state.left > 0) & state.is_live
+        if room is None:
+            run = pack(each_row(run_of)(families, seen), has_rows=True)
+            return _Trial(seen, sound, is_taken, has_motion, length, None, run)
         simulated = partial(_simulated, room=room)
         motion = each_row(simulated)(families, requests, point, seen, has_motion)
         is_followed = each_row(is_followed_or_unstable)(requests.sequence, seen, motion)
-        is_taken = plain & is_followed & (state.left > 0) & state.is_live
-        return _Trial(seen, sound, is_taken, has_motion, length, motion)
+        motion = pack(motion, has_rows=True)
+        return _Trial(seen, sound, is_taken & is_followed, has_motion, length, motion, None)
 
     def one(state: _State) -> _State:
         trial, before, number, is_live = trial_of(state), state.found, state.number, state.is_live
@@ -149,24 +168,26 @@ def take_steps(
         following = jnp.where(trial.is_taken, trial.next_length, shorter)
         left = state.left - trial.is_taken
         goes_on = is_live & (trial.is_taken | ~trial.is_sound) & (left > 0) & (following >= SHORTEST_STEP)
+        tried = lambda all_, one: jax.tree.map(lambda a, b: a.at[:, number].set(b), all_, one)  # noqa: E731
         found = Stepped(
             point=_chosen(trial.is_taken, row, before.point),
             next_ds=jnp.where(is_live, following, before.next_ds),
-            tries=jax.tree.map(lambda all_, one: all_.at[:, number].set(one), before.tries, row),
+            tries=tried(before.tries, row),
             ds=before.ds.at[:, number].set(before.next_ds),
             is_taken=before.is_taken.at[:, number].set(trial.is_taken),
             last=jnp.where(is_live, number, before.last),
             is_sound=jnp.where(is_live, trial.is_sound, before.is_sound),
             has_motion=jnp.where(is_live, trial.has_motion, before.has_motion),
             next_length=jnp.where(is_live, trial.next_length, before.next_length),
-            motion=_chosen(is_live, pack(trial.motion, before.motion.layout, has_rows=True), before.motion),
+            motion=_chosen(is_live, trial.motion, before.motion),
+            runs=tried(before.runs, trial.run),
         )
         return _State(number + 1, goes_on, left, found)
 
     def is_going_on(state: _State) -> Array:
         return (state.number < tries) & jnp.any(state.is_live)
 
-    nothing = _before_the_first(requests, points, ds, tries, room)
+    nothing = _before_the_first(families, requests, points, ds, tries, room)
     first = _State(jnp.array(0), jnp.ones(len(ds), bool), jnp.asarray(most), nothing)
     return jax.lax.while_loop(is_going_on, one, first).found
 
@@ -180,13 +201,20 @@ def first_corrections(
     return corrected_cycles(families, requests.sequence, *guess)
 
 
-def _before_the_first(requests: StepRequest, points: Packed, ds: Array, tries: int, room: int) -> Stepped:
+def _before_the_first(
+    families: ParameterFamily, requests: StepRequest, points: Packed, ds: Array, tries: int, room: int | None
+) -> Stepped:
     """A result that the first try overwrites."""
-    num, ds = len(ds), jnp.asarray(ds)
+    num, ds, motion, runs = len(ds), jnp.asarray(ds), None, None
     many = lambda a: jnp.zeros((num, tries, *a.shape[1:]), a.dtype)  # noqa: E731
-    sequence, none, flags = _widened(requests.sequence, room), jnp.zeros(num, int), jnp.zeros(num, bool)
-    flights = jnp.zeros(sequence.kind.shape, ds.dtype)
-    motion = SimulatedMotion(flags, sequence, flights, jnp.asarray(requests.start))
+    none, flags = jnp.zeros(num, int), jnp.zeros(num, bool)
+    if room is None:
+        run = jax.eval_shape(lambda: pack(each_row(run_of)(families, points.unpacked()), has_rows=True))
+        runs = jax.tree.map(many, run)
+    else:
+        sequence = _widened(requests.sequence, room)
+        flights = jnp.zeros(sequence.kind.shape, ds.dtype)
+        motion = pack(SimulatedMotion(flags, sequence, flights, jnp.asarray(requests.start)), has_rows=True)
     return Stepped(
         point=jax.tree.map(jnp.asarray, points),
         next_ds=ds,
@@ -197,12 +225,13 @@ def _before_the_first(requests: StepRequest, points: Packed, ds: Array, tries: i
         is_sound=flags,
         has_motion=flags,
         next_length=ds,
-        motion=pack(motion, has_rows=True),
+        motion=motion,
+        runs=runs,
     )
 
 
-def _chosen(flags: Array, one: Packed, other: Packed) -> Packed:
-    """Rows of one batch where flags are set, else of another."""
+def _chosen(flags: Array, one: Packed | None, other: Packed | None) -> Any:
+    """Rows of one batch where flags are set, else of another; None if there are none."""
     return jax.tree.map(lambda a, b: jnp.where(flags[:, None], a, b), one, other)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._jax.arrays import Flag, Scalar
-from .._orbits.sequence import Sequence
+from .._orbits.sequence import NOTHING, Sequence
 from .kernels import CorrectedCycle, SimulatedMotion
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch
@@ -208,8 +208,8 @@ def is_plain(sequence: Sequence, known: StepState, new: StepState, limits: StepL
     return ~(is_met | is_special | is_odd | is_out | is_other | is_back)
 
 
-def is_followed_or_unstable(sequence: Sequence, seen: CorrectedCycle, followed: SimulatedMotion) -> Flag:
-    """True where a run follows the cycle with as many events, or cannot, as a multiplier exceeds `TRUSTED`."""
-    is_same_number = jnp.sum(followed.sequence.is_event) == jnp.sum(sequence.is_event)
-    is_trusted = jnp.abs(seen.found.multipliers[0]) < TRUSTED
-    return jnp.where(followed.is_alike, is_same_number, ~is_trusted)
+def is_followed_or_unstable(sequence: Sequence, seen: CorrectedCycle, followed: SimulatedMotion) -> Any:
+    """Flag, of JAX or of NumPy: a run follows the cycle with as many events, or cannot, as a multiplier exceeds `TRUSTED`."""
+    is_same_number = (followed.sequence.kind != NOTHING).sum() == (sequence.kind != NOTHING).sum()
+    is_untrusted = ~(abs(seen.found.multipliers[0]) < TRUSTED)
+    return (followed.is_alike & is_same_number) | (~followed.is_alike & is_untrusted)

@@ -202,7 +202,7 @@ LEFT_ORBIT = 1e-6
 # share: rounding of a symmetric or positive matrix, relative to its size.
 MATRIX_ROUNDING = 1e-12
 # share: amplitudes beyond that of the first touch, at which a family is taken up behind it; the first that succeeds counts.
-TRIALS_BEYOND_TOUCH = 1e-3, 1e-2, 5e-2
+TRIALS_BEYOND_TOUCH = 1e-6, 1e-3, 1e-2, 5e-2
 # share: distance of two shapes, or of two stops as a symmetric motion meets them, below which they are the same.
 SAME_SHAPE = 1e-9
 # multiplier: distance of a modulus from 1 at which rounding decides: of the double multiplier 1 half the digits are left.

@@ -131,7 +131,8 @@ def struck_speeds(machine: Machine, state: State, instant: Instant) -> Struck:
     contacts = machine.contacts
     speed = jnp.where(instant.hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
-    return Struck(speed, restitution, contacts.is_rigid & (state.held | state.is_kept_closed))
+    # Those with leading zeros of their gap touch: what others keep closed, and what forces pull apart from this instant on.
+    return Struck(speed, restitution, contacts.is_rigid & (state.held | (state.contact >= 2)))
 
 
 def after_impulses(

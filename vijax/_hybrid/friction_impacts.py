@@ -28,7 +28,7 @@ from .._machine.small_matrices import slack_of
 from .._machine.state import State
 from .._machine.switching import FRICTION
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
-from .coupled_impacts import after_impulses, struck_speeds
+from .coupled_impacts import Struck, after_impulses, struck_speeds
 from .friction_limits import sliding_velocity
 from .own_times import not_differentiable
 from .transition import Instant
@@ -57,12 +57,7 @@ def impact_with_friction(
     """As `impact` of `coupled_impacts.py`; and flags of friction whose sliding velocity the impact takes to 0."""
     contacts = machine.contacts
     struck = struck_speeds(machine, state, instant)
-    speed, restitution, closed = struck
-    members = _concerned(machine, instant.hit, closed)
-    elements = members | (contacts.are_tied & contacts.at_normal(members))
-    sliding = sliding_velocity(machine, state)
-    # Speeds that the impulses take away where contacts push and friction sticks.
-    wanted = jnp.where(contacts.are(FRICTION), sliding, (1 + restitution) * speed)
+    wanted, elements = _wanted(machine, state, instant.hit, struck)
     act, is_paradox = _acts(*stop_gradients((machine, wanted)), elements)
     found = _impulses(machine, wanted, elements, act)
     after, instant, is_open = after_impulses(machine, state, instant, struck, found.of_all, found.rest)
@@ -78,13 +73,37 @@ def impact_with_friction(
 def rebound_with_friction(
     machine: Machine, state: State, hit: Bool[Array, "contacts ..."]
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "contacts ..."]]:
-    """Positions and velocities after impacts on the contacts `hit`, and the impulses of all elements."""
-    none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
+    """Positions and velocities after impacts on the contacts `hit`, and the impulses of all elements.
+
+    The map goes on smoothly beyond a grazing: a contact that is left at the speed |u| has the acts of one that is approached at it.
+    """
+    contacts, phase_rate = machine.contacts, machine.phase_rate(state.phase)
+    closed = contacts.is_rigid & (state.held | state.is_kept_closed)
+
+    def wanted(state: State) -> tuple[Array, Array]:
+        speed = jnp.where(hit, sliding_velocity(machine, state), 0)
+        return _wanted(machine, state, hit, Struck(speed, contacts.restitution_at(speed), closed))
+
     speed = sliding_velocity(machine, state)
-    time = jnp.zeros_like(state.time, bool)
-    instant = Instant(hit, none, none, speed, speed, zeros, time, state.time, zeros, None, zeros)
-    after, _, _, impulse, _ = impact_with_friction(machine, state, instant)
-    return after.x, after.v, impulse
+    is_left = hit & (speed < 0)
+    towards = contacts.with_approach(state.v, is_left, jnp.where(is_left, -speed, 0), phase_rate)
+    towards = jnp.where(jnp.any(is_left, axis=0), towards, state.v)
+    chosen, elements = wanted(eqx.tree_at(lambda s: s.v, state, towards))
+    act, _ = _acts(*stop_gradients((machine, chosen)), elements)
+    impulse = _impulses(machine, wanted(state)[0], elements, act).of_all
+    x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
+    return x, state.v - contacts.inverse_mass_times(contacts.back(impulse)), impulse
+
+
+def _wanted(
+    machine: Machine, state: State, hit: Bool[Array, "contacts ..."], struck: Struck
+) -> tuple[Float[Array, "contacts ..."], Bool[Array, "contacts ..."]]:
+    """Speeds that the impulses take away where contacts push and friction sticks, and flags of the elements concerned."""
+    contacts = machine.contacts
+    members = _concerned(machine, hit, struck.closed)
+    elements = members | (contacts.are_tied & contacts.at_normal(members))
+    sliding = sliding_velocity(machine, state)
+    return jnp.where(contacts.are(FRICTION), sliding, (1 + struck.restitution) * struck.speed), elements
 
 
 def _concerned(machine: Machine, hit: Array, closed: Array) -> Bool[Array, "contacts ..."]:

@@ -245,13 +245,22 @@ class Contacts(eqx.Module):
     def _hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """Effect of holding, from the inverse of G among the held contacts."""
         inertia, weighted = self.inertia_among(held), self._weighted()
-        reaction = matrix_product(inertia, weighted)
-        mobility = self._inverse() - matrix_product(self._pushes(weighted), reaction)
+        reaction = self._without_rounding(matrix_product(inertia, weighted), inertia, weighted)
+        pushes, inverse = self._pushes(weighted), self._inverse()
+        mobility = inverse - matrix_product(pushes, reaction)
+        mobility = self._without_rounding(mobility, pushes, reaction, inverse)
         if self.walls is None:
             return Hold(held, inertia, reaction, mobility, None)
         back, accelerated = self._pushed_by(inertia, reaction), self._accelerated()
         drive = jax.tree.map(lambda a: jnp.stack([matvec(back, row) for row in a]), accelerated)
         return Hold(held, inertia, reaction, mobility, drive)
+
+    def _without_rounding(
+        self, found: Array, first: Array, second: Array, added: Array | float = 0.0
+    ) -> Float[Array, "rows columns ..."]:
+        """A product of matrices as it is, see `SwitchingContacts`."""
+        del first, second, added
+        return found
 
     def accelerations(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]

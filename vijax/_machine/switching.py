@@ -23,13 +23,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Reals, Scalar, append_axes, matrix_product, matvec
+from .._jax.arrays import Reals, Scalar, append_axes, matrix_product, matvec, with_derivative_of
 from .._system.restitution import Restitution
 from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
 from .contacts import Contacts, Hold
 from .kinds import COMPLIANT, FRICTION, JENKINS, RIGID
-from .small_matrices import diagonal, inverse_of_block
+from .small_matrices import diagonal, inverse_of_block, slack_of
 from .state import SATURATED, Mode, State
 
 
@@ -369,6 +369,17 @@ class SwitchingContacts(Contacts):
     def sizes_dragged(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Bounds of `dragged`, from bounds."""
         return of_contacts if self.drag is None else matvec(jnp.abs(self.drag), of_contacts)
+
+    def _without_rounding(
+        self, found: Array, first: Array, second: Array, added: Array | float = 0.0
+    ) -> Float[Array, "rows columns ..."]:
+        """A product of matrices, and a matrix added, with zeros for entries that are rounding errors of their terms.
+
+        No force reaches a contact or a mass that others shield from it.
+        """
+        terms = jnp.abs(added) + matrix_product(jnp.abs(first), jnp.abs(second))
+        is_zero = jnp.abs(found) <= slack_of(self.compliance) * terms
+        return with_derivative_of(jnp.where(is_zero, 0, found), found)
 
     def inertia_among(self, members: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
         """G_H^-1 of the members, with the friction that they bring along."""

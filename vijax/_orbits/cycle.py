@@ -22,12 +22,12 @@ from .._jax.arrays import Scalar
 from .._machine.kinds import RIGID
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
-from .._machine.state import AHEAD, BEHIND, State
+from .._machine.state import State
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
 from .rigid_modes import closing_pin, of_positions
-from .sequence import NOTHING, Sequence, held_in
+from .sequence import NOTHING, Sequence, held_in, sticks_all_along
 from .switching_events import Event, end_of_flight, instant_of, leading_zeros_of, with_stretches_of
 
 # MOMENT: duration, in forcing periods, below which a flight has none when residuals are divided by it.
@@ -188,8 +188,7 @@ def slider_pin(problem: Problem, scale: Float[Array, " state"]) -> Float[Array, 
     """
     contacts = problem.machine.contacts
     num = contacts.num_sliders
-    mode, rows = jnp.asarray(problem.sequence.mode)[:, -num:], contacts.rows[-num:]
-    is_stuck = ~jnp.any((mode == AHEAD) | (mode == BEHIND), axis=0)
+    rows, is_stuck = contacts.rows[-num:], sticks_all_along(problem.sequence, num)
     if problem.drift is not None:  # a shift that sliders alone resist is pinned already
         is_stuck = is_stuck & ~jnp.any(jnp.abs(rows @ problem.drift) > _PINNED * jnp.abs(rows), axis=1)
     size = rows.shape[1]

@@ -78,6 +78,12 @@ def num_erased(sequence: Sequence, num_sliders: int) -> Int[Array, ""]:
     return jnp.max(jnp.sum(lost, axis=1) + jnp.sum(slips, axis=1), initial=0) + num
 
 
+def sticks_all_along(sequence: Sequence, num_sliders: int) -> Bool[Array, " sliders"]:
+    """Flags of the Jenkins elements that stick all along, the last elements of a machine."""
+    mode = jnp.asarray(sequence.mode)[:, jnp.shape(sequence.mode)[1] - num_sliders :]
+    return ~jnp.any((mode == AHEAD) | (mode == BEHIND), axis=0)
+
+
 def num_stops_of(numbers: MachineNumbers) -> int:
     """Number of stops of a machine, without friction and Jenkins elements."""
     return numbers.rows.shape[-2] - (0 if numbers.laws is None else int(numbers.laws.has_no_gap.sum()))

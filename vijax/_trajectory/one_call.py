@@ -103,17 +103,31 @@ class KnownMachine:
     """
 
     def __init__(self, numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool):
-        machine, self._nothing = jax.device_put(pack((numbers, flow))), _packed_nothing(numbers, flow)
+        self._prepare(jax.device_put(pack((numbers, flow))), _packed_nothing(numbers, flow), can_stick)
+
+    @classmethod
+    def of(cls, packed: Packed) -> "KnownMachine":
+        """Machine whose numbers and flow, which has a flow map, are packed already; its stops may hold."""
+        machine = cls.__new__(cls)
+        numbers, flow = packed.layout.shapes()
+        machine._prepare(packed, _packed_nothing(numbers, flow), True)
+        return machine
+
+    def _prepare(self, machine: Packed, nothing: Packed, can_stick: bool) -> None:
         self.packed: Packed = machine
+        self._nothing, numbers = nothing, machine.layout.shapes()[0]
         n, dtype = numbers.rows.shape[1], np.dtype(numbers.mass.dtype)
         self._num_reals, self._dtype = 2 + 2 * n + GOALS, dtype
         blank = Packed(np.empty(self._num_reals, dtype), np.empty(6, int), _layout_of_request(n, dtype))
         choices = Choices(can_stick, EVENTS, is_whole=False)
         self._call = call.prepared(machine, self._nothing, blank, choices)
 
-    def follow(self, request: LoopArguments, left: Packed | None) -> Found:
-        """Follow a trajectory by a request of NumPy numbers, from its start or from the progress of the call before."""
-        left = self._nothing if left is None else left
+    def follow(self, request: LoopArguments, left: Packed | None, machine: Packed | None = None) -> Found:
+        """Follow a trajectory by a request of NumPy numbers, from its start or from the progress of the call before.
+
+        Of another `machine` with as many numbers, if that is given.
+        """
+        left, machine = left or self._nothing, machine or self.packed
         n = len(request.x0)
         reals = np.empty(self._num_reals, self._dtype)
         reals[0], reals[1], reals[2 : 2 + n], reals[2 + n : 2 + 2 * n] = (
@@ -124,7 +138,7 @@ class KnownMachine:
         )
         reals[2 + 2 * n :] = request.goals
         wholes = np.array([int(a) for a in request[5:]])
-        return self._call([self.packed.reals, self.packed.wholes, left.reals, left.wholes, reals, wholes])
+        return self._call([machine.reals, machine.wholes, left.reals, left.wholes, reals, wholes])
 
 
 def _packed_nothing(numbers: MachineNumbers, flow: AbstractFlow) -> Packed:

@@ -1,0 +1,118 @@
+"""Simulations of few branches outside of their program: runs by the program of `simulate`, which a process has anyway."""
+
+from collections.abc import Sequence as Many
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from .._jax.packing import Layout, Packed, pack
+from .._machine.numbers import numbers_of
+from .._orbits.search import run_request
+from .._orbits.sequence import Instants, Sequence
+from .._trajectory.instant_codes import instants_of
+from .._trajectory.loop import LoopArguments
+from .._trajectory.one_call import EVENTS, KnownMachine
+from .._trajectory.solution import RESULTS
+from .batches import BATCHES, RUNS_BEHIND, Stock, call, compiled, in_parts, stacked
+from .kernels import (
+    Begun,
+    Run,
+    SimulatedMotion,
+    read_motion,
+    room_of_log,
+    run_from,
+    simulate_motion,
+)
+from .parameter_family import ExtendedCycle, ParameterFamily
+
+
+class RunSeen(NamedTuple):
+    """What is read of a run: codes and times of its instants, flags of what holds, the number of rows, its success."""
+
+    codes: Any
+    times: Any
+    held: Any
+    count: Any
+    is_successful: Any
+
+
+_SUCCESS = np.asarray(RESULTS.successful._value)
+# Rows of the program that reads runs: those of the tries of a call.
+_ROWS = RUNS_BEHIND.tries
+
+
+def simulated(stock: Stock, tasks: Many[int], rows: list) -> dict[int, SimulatedMotion]:
+    """Answers to requests for simulations, each a row of the arguments of `simulate_motion`."""
+    if stock.form(len(tasks)) is BATCHES:
+        return call(simulate_motion, stock, tasks, stacked(rows))
+    runs = call(run_from, stock, tasks, stacked(rows))
+    found = {}
+    for task, (sequence, place, _) in zip(tasks, rows, strict=True):
+        own = motions(
+            stock, task, sequence, *jax.tree.map(lambda a: np.asarray(a)[None], (place, runs[task]))
+        )
+        found[task] = jax.tree.map(lambda a: a[0], own)
+    return found
+
+
+def motions(stock: Stock, task: int, sequence: Sequence, places: ExtendedCycle, runs: Run) -> SimulatedMotion:
+    """Motions of some runs of a task, from cycles of a sequence, with which they are compared; along the first axis of all."""
+    num, room = len(runs.times), room_of_log(len(sequence.kind))
+    seen = []
+    for k in range(num):
+        machine, times = runs.machine.at(k), runs.times[k]
+        seen.append(_seen(machine, run_request(times[0], times[1], runs.begun.start[k], room), room))
+    one = stock.of([task])
+    if None in seen:  # a program of its own has room for all
+        starts = runs.begun.start
+        rows = [(sequence, jax.tree.map(lambda a, k=k: a[k], places), starts[k]) for k in range(num)]
+        return stacked([call(simulate_motion, stock, [task], stacked([row]))[task] for row in rows])
+    filled = [min(k, num - 1) for k in range(_ROWS)]
+    rows = jax.tree.map(
+        lambda a: a[filled], (places, runs.begun, RunSeen(*map(np.stack, zip(*seen, strict=True))))
+    )
+    given = pack(jax.tree.map(lambda a: np.asarray(a)[None], (sequence, *rows)), has_rows=True)
+    found = in_parts(compiled(read_runs), 1, one, given)[0].unpacked()
+    return jax.tree.map(lambda a: a[0, :num], found)
+
+
+def read_runs(
+    family: ParameterFamily, sequence: Sequence, places: ExtendedCycle, begun: Begun, seen: RunSeen
+) -> SimulatedMotion:
+    """Motions of runs that are made, along the first axis."""
+
+    def read(place: ExtendedCycle, begun: Begun, seen: RunSeen) -> SimulatedMotion:
+        is_switching = numbers_of(family.system_at(place.p)).laws is not None
+        transitions = instants_of(seen.codes, seen.times, is_switching=is_switching)
+        instants = Instants(transitions, seen.held, seen.count)
+        return read_motion(family, sequence, place, begun, instants, seen.is_successful)
+
+    return jax.vmap(read)(places, begun, seen)
+
+
+def _seen(machine: Packed, request: LoopArguments, room: int) -> RunSeen | None:
+    """Make a run; None if it takes more than one call of the program."""
+    if room > EVENTS:
+        return None
+    found = _known(machine.layout).follow(request, None, machine)
+    progress = found.left.in_numpy().unpacked()
+    if progress.is_paused:
+        return None
+    solution, restarts = found.solution, found.solution.restarts
+    codes, times, held = (np.asarray(a)[: room + 2] for a in (found.codes, restarts.t, restarts.held))
+    return RunSeen(codes, times, held, progress.rows, np.asarray(solution.result._value) == _SUCCESS)
+
+
+@lru_cache
+def _known(layout: Layout) -> KnownMachine:
+    """Caller of the program for machines of a layout."""
+    blank = Packed(*_sizes(layout), layout)
+    return KnownMachine.of(blank)
+
+
+def _sizes(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Packed zeros of a layout."""
+    num = [max((at.end for at in layout.places if at.is_real is kind), default=0) for kind in (True, False)]
+    return np.zeros(num[0], layout.dtypes[1]), np.zeros(num[1], layout.dtypes[0])
