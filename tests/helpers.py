@@ -228,12 +228,3 @@ def end_of(machine: vx.ImpactSystem, span: float):
         return jnp.concatenate([run.x1, run.v1])
 
     return end
-
-
-def refuse_runs_at_corners(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let branches fail where they would take the events behind a corner from a run of the machine."""
-
-    def refused(*_: object) -> None:
-        raise AssertionError("No word leads on behind a corner.")
-
-    monkeypatch.setattr("vijax._branches.follow.continue_by_simulation", refused)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.optimize
-from helpers import refuse_runs_at_corners
 
 import vijax as vx
 
@@ -57,8 +56,7 @@ def assert_value_of(point: vx.Bifurcation) -> None:
 @pytest.mark.parametrize(
     ("start", "static", "onset"), [(0.8, None, 0.7226791944381), (0.65, 1.1, 0.7486857316306)]
 )
-def test_a_branch_passes_the_onset_of_sticking_from_either_side(start, static, onset, monkeypatch):
-    refuse_runs_at_corners(monkeypatch)
+def test_a_branch_passes_the_onset_of_sticking_from_either_side(start, static, onset):
     branch = branch_of(rubbing(start, 1.0, static), 60, (0.6, 0.85))
     assert branch.ends == ("bounds", "bounds")
     (point,) = branch.bifurcations
@@ -88,8 +86,7 @@ def overshoot(frequency: float) -> float:
 
 
 @pytest.mark.slow
-def test_a_stick_is_split_where_the_load_at_its_peak_moves_the_mass(monkeypatch):
-    refuse_runs_at_corners(monkeypatch)
+def test_a_stick_is_split_where_the_load_at_its_peak_moves_the_mass():
     (point,) = branch_of(rubbing(0.16), 30, (0.14, 0.17)).bifurcations
     assert point.kind == "adding_sliding"
     split = scipy.optimize.brentq(overshoot, 0.14, 0.15, xtol=1e-14)
@@ -246,9 +243,8 @@ def num_sticks(system: vx.ImpactSystem) -> int:
 
 
 @pytest.mark.slow
-def test_a_branch_passes_a_stick_that_appears_right_before_an_impact(monkeypatch):
+def test_a_branch_passes_a_stick_that_appears_right_before_an_impact():
     """The velocity of the mass falls to that of the belt at the impact; at the first bifurcation it does so behind another."""
-    refuse_runs_at_corners(monkeypatch)
     bounds = 0.5445, 0.547
     forth, back = (branch_of(on_a_belt(frequency), 400, bounds) for frequency in bounds)
     for branch in (forth, back):
@@ -308,9 +304,8 @@ def between_preloaded(frequency: float) -> vx.ImpactSystem:
 
 
 @pytest.mark.slow
-def test_a_branch_passes_a_contact_that_opens_by_its_force_instead_of_its_depth(monkeypatch):
+def test_a_branch_passes_a_contact_that_opens_by_its_force_instead_of_its_depth():
     """There the mass leaves the stop at the velocity at which the damper takes all of the preload."""
-    refuse_runs_at_corners(monkeypatch)
     bounds = 0.69, 0.72
     for frequency in bounds:
         branch = branch_of(between_preloaded(frequency), 400, bounds)

@@ -11,7 +11,7 @@ from .parameter_family import ExtendedCycle
 from .point import BranchPoint, End, correct_with_free_parameter, corrected
 from .requests import Requests
 from .test_functions import tests_of
-from .tolerances import JUMP_NEARER, NEARER, NEGATIVE, NO_JUMP, STEP_OFF, STEPS_FROM_GUESS
+from .tolerances import JUMP_NEARER, NEARER, NO_JUMP, STEP_OFF, STEPS_FROM_GUESS
 
 # From a point to the point that takes its place, or None.
 Accepts = Callable[[BranchPoint], Requests[BranchPoint | None]]
@@ -46,20 +46,6 @@ def with_margins(point: BranchPoint) -> Requests[BranchPoint | None]:
     """The point if all its margins are positive; else None."""
     yield from ()
     return point if min((test.of(point.seen) for test in tests_of(point.sequence)), default=1) > 0 else None
-
-
-def keeps_margins(event: BranchPoint, new: BranchPoint) -> bool:
-    """True if no test function has become negative behind an event: a run tells no impact from one of a speed below zero.
-
-    The guard of an element whose load others take over may be negative all along.
-    """
-    before = {
-        (test.least, test.index): test.of(event.seen) for test in tests_of(event.sequence) if test.least
-    }
-    return all(
-        test.of(new.seen) > -NEGATIVE or before.get((test.least, test.index), 0.0) < -NEGATIVE
-        for test in tests_of(new.sequence)
-    )
 
 
 def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:

@@ -31,11 +31,7 @@ from .point import (
 )
 from .requests import Requests, ask, simulation_from, simulation_of
 from .section import in_section
-from .simulated_events import (
-    continue_by_simulation,
-    cycle_of_simulation,
-    with_simulated_bounces,
-)
+from .simulated_events import cycle_of_simulation, with_simulated_bounces
 from .steps import PlainSteps, Tried
 from .test_functions import (
     TestFunction,
@@ -369,11 +365,9 @@ def _continue_behind_event(
     limit = yield from _end_at_cascade_limit(walk, MANY)
     if limit is not None:
         return limit
-    new: BranchPoint | End | None = yield from cross(walk, test, event)
+    new = yield from cross(walk, test, event)
     if new is None:
-        new = yield from continue_by_simulation(event, walk.num_periods)
-    if isinstance(new, End):
-        return new
+        return End(public_kind(event.kind))
     rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, SHORTER_BEHIND)
     # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events has none.
     return End(public_kind(event.kind)) if rounds > walk.rounds and len(new.sequence.kind) else new

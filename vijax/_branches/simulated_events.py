@@ -1,57 +1,16 @@
-"""Events of the simulated machine: where no word leads on behind a corner, and for the last bounces of a chatter."""
+"""Events of the simulated machine: at a bound where events vanish, and for the last bounces of a chatter."""
 
 import numpy as np
 
 from .._orbits.sequence import NOTHING, Sequence
-from .behind_event import is_joined, keeps_margins
 from .kernels import SimulatedMotion, padded, trimmed
-from .kinds import public_kind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, End, at_parameter, corrected, is_followed
+from .point import BranchPoint, at_parameter, corrected, is_followed
 from .requests import Requests, ask, simulation_of
-from .section import in_section
-from .sequence_edits import are_alike
-from .tolerances import LIGHTEST_FLIGHT, TRIALS_AHEAD
+from .tolerances import LIGHTEST_FLIGHT
 
 # Room for new events: an interrupted stick ends in another chatter.
 _MORE = 40, 200
-
-
-def continue_by_simulation(event: BranchPoint, num_periods: float) -> Requests[BranchPoint | End]:
-    """The point a short way ahead, with the events of the simulated machine."""
-    # The events of a run are between start and end of the cycle: so are those with which they are compared.
-    within = yield from in_section(event, num_periods)
-    event = within if isinstance(within, BranchPoint) else event
-    for ds in TRIALS_AHEAD:
-        guess = event.place.moved(event.tangent, ds)
-        followed = yield from _followed(event.sequence, guess)
-        new = yield from _on_simulated_events(event._replace(place=guess), followed)
-        if are_alike(new.sequence, event.sequence):
-            continue  # the event is still ahead
-        is_near = np.abs(new.place.z - guess.z).max() < 10 * ds and keeps_margins(event, new)
-        if is_near and (yield from is_followed(new)) and (yield from is_joined(event, new)):
-            return new._replace(kind="", arc=event.arc + ds)
-    # Behind a kink the branch may not come to these planes.
-    for ds in TRIALS_AHEAD:
-        for side in (1, -1):
-            new = yield from _at_parameter_beside(event, side * ds)
-            if new is not None:
-                return new
-    return End(public_kind(event.kind))
-
-
-def _at_parameter_beside(event: BranchPoint, dp: float) -> Requests[BranchPoint | None]:
-    """The cycle of the machine with other events than before an event, at a parameter beside; None if there is none."""
-    new: BranchPoint | None = yield from cycle_of_simulation(
-        event, event.place._replace(p=event.place.p + dp)
-    )
-    if new is None or are_alike(new.sequence, event.sequence):
-        return None
-    away = new.place.distance_of_starts(event.place)
-    if away > 10 * abs(dp) or not keeps_margins(event, new) or not (yield from is_joined(event, new)):
-        return None
-    new = new._replace(arc=event.arc + away)
-    return new if new.tangent.p * dp > 0 else new.turned()
 
 
 def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> Requests[BranchPoint | None]:

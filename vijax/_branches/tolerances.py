@@ -109,7 +109,7 @@ DOUBLING_SAME, DOUBLING_APART, DOUBLING_AS_ONE = 1e-9, 1e-2, 1e-4
 # cycle: lengths of the step off a point where the sequence changes; the first that is accepted counts. The machine takes an
 # impact below 1e-6 for the end of a chatter. Share: largest distance from the guess.
 STEP_OFF, STEPS_FROM_GUESS = (1e-6, 1e-7, 1e-5, 1e-4), 5.0
-# cycle: lengths at which the machine is simulated where no step leads off.
+# cycle: lengths of the step past an impact in which friction stops.
 TRIALS_AHEAD = 1e-6, 1e-5, 1e-4, 1e-3
 # share: distance of the point behind a corner, relative to that of its plane: no branch bends nearer to a right angle.
 CORNER_NEAR = 20.0
