@@ -68,10 +68,6 @@ class LeastMargins(NamedTuple):
     last: Scalar
     grip: Any = None
 
-    def touch_of(self, stop: int) -> tuple[int, float]:
-        """Flight and time of the least gap of a stop, both concrete."""
-        return int(self.gap_flight[stop]), float(self.gap_time[stop])
-
 
 class Margins(NamedTuple):
     """Quantities that stay positive on an admissible cycle: approach speeds, and gap, force, rise of `LeastMargins`."""

@@ -132,7 +132,7 @@ ON_EVENT, FALLING_RATE = 1e-12, 1e-6
 
 # none: largest residual, not divided by durations, of a word that the motion at a corner solves: those of others begin at 1e-2.
 CORNER_SOLVED = 1e-6
-# start, parameter: distance within which a corrected cycle is the corner; rate of a duration that is none.
+# start, parameter: distance within which a corrected cycle is the corner.
 SAME_CORNER = 1e-5
 # share: duration between new letters, relative to the step off, of a double root.
 DOUBLE_ROOT = 1e-4

@@ -138,9 +138,6 @@ def _point_on(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
             new = yield from step_off(at, is_ahead, partial(_accepted, corner, trial))
             if new is not None and not _has_double_root(new, at, corner, trial):
                 return new
-        own = _new_durations(corner, trial)
-        if not np.any(np.abs(at.tangent.flights[own]) < SAME_CORNER):
-            return None
     return (yield from apart(corner, trial))
 
 
