@@ -23,15 +23,6 @@ def repetitions_of(
     return 1
 
 
-def is_shorter_at(event: BranchPoint, num_periods: int | float, rounds: int, within: float) -> Requests[bool]:
-    """Test whether a cycle is a shorter one at an event: its impacts of zero speed there leave the motion as it is."""
-    num_periods = _finite(num_periods)
-    for n in _periods_of_shorter(num_periods):
-        if n * rounds < num_periods and (yield from _has_returned(event.sequence, event.place, n, within)):
-            return True
-    return False
-
-
 def _periods_of_shorter(num_periods: int) -> list[int]:
     return [n for n in range(1, num_periods) if num_periods % n == 0]
 

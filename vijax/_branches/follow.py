@@ -11,8 +11,8 @@ import numpy as np
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
 from .behind_event import step_off, with_margins
-from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
-from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
+from .closing import first_repeated, is_at_start, repetitions_of
+from .degenerate_grazing import grazing_of_shorter_cycle
 from .events.cross import cross
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import MOST_EVENTS, SimulatedMotion, padded, trimmed
@@ -53,7 +53,6 @@ from .tolerances import (
     ORBIT_NEAR,
     PROBE_STEP,
     SEPARATE_EVENTS,
-    SHORTER_AT_EVENT,
     SHORTER_BEHIND,
     SHORTEST_STEP,
     TRIALS_AHEAD,
@@ -352,13 +351,6 @@ def _continue_behind_event(
     end = yield from _add_if_new(walk, event)
     if end is not None:
         return end
-    if test.kind in (Kind.TOUCH, Kind.GRAZING):
-        free = yield from without_impacts(event)
-        if isinstance(free, End):
-            return free
-        is_shorter = yield from is_shorter_at(event, walk.num_periods, walk.rounds, SHORTER_AT_EVENT)
-        if is_shorter:
-            return (yield from _beyond(event, free))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     is_touch = test.kind == Kind.TOUCH and not event.sequence.is_switching
     walk.cascade = [*same, (test.index, event)] if is_touch else []
@@ -369,19 +361,12 @@ def _continue_behind_event(
     if new is None:
         return End(public_kind(event.kind))
     rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, SHORTER_BEHIND)
-    # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events has none.
-    return End(public_kind(event.kind)) if rounds > walk.rounds and len(new.sequence.kind) else new
-
-
-def _beyond(event: BranchPoint, free: BranchPoint | None) -> Requests[BranchPoint | End]:
-    """The point behind a grazing on the motion without impacts, at parameters where the branch before was not.
-
-    An `End` if there is none: several branches meet where a shorter cycle grazes, and none continues another.
-    """
-    if free is None:
-        return End(Kind.GRAZING)
-    is_ahead = bool(free.tangent.p * event.tangent.p > 0)
-    return (yield from step_off(free, is_ahead, with_margins)) or End(Kind.GRAZING)
+    # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events, which has none,
+    # continues it where it was not before.
+    is_ahead = bool(new.tangent.p * event.tangent.p > 0)
+    is_other = rounds > walk.rounds and (len(new.sequence.kind) > 0 or not is_ahead)
+    walk.rounds = rounds
+    return End(public_kind(event.kind)) if is_other else new
 
 
 def _add_if_new(walk: DirectedBranch, point: BranchPoint) -> Requests[End | None]:

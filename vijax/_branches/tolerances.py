@@ -157,9 +157,8 @@ IS_ONE = 1e-10
 AT_CORNER = 1e-6
 # start: distance within which two cycles are the same; within which a cycle has returned to its start.
 SAME_CYCLE, RETURNED = 1e-8, 1e-6
-# start: distance below which a cycle repeats a shorter one at an event, as exactly as events are located; and behind it, where
-# others nearly do.
-SHORTER_AT_EVENT, SHORTER_BEHIND = 1e-8, 1e-11
+# start: distance below which a cycle repeats a shorter one behind an event, where others nearly do.
+SHORTER_BEHIND = 1e-11
 
 # ---- Hops and several impacts that vanish ----
 
@@ -167,10 +166,8 @@ SHORTER_AT_EVENT, SHORTER_BEHIND = 1e-8, 1e-11
 SHORT_HOP, HOP_NEAR = 5e-2, 1e-2
 # periods: duration of a hop below which the time of landing is a double root. Parameter: largest move by its rounding.
 DOUBLE_ROOT_HOP, HOP_MOVED = 1e-4, 1e-6
-# share: speed of impacts that may vanish, relative to the fastest; of those that have at the located grazing.
-LIGHT_IMPACT, VANISHED_IMPACT = 1e-2, 1e-6
-# share: change of the parameter along a tangent below which it is a resonance.
-RESONANT = 1e-6
+# share: speed of impacts that may vanish, relative to the fastest.
+LIGHT_IMPACT = 1e-2
 # cycle: length of the step that estimates the slope of a gap, and largest distance to its zero.
 SLOPE_STEP, ZERO_NEAR = 1e-6, 1e-2
 # speeds of the impacts that vanish: largest distance between the two cycles.

@@ -37,9 +37,6 @@ from .following import is_followed_behind, lowest_margin
 from .residuals import ROWS, residuals_of
 from .words import Elements, meaning, words_between
 
-# So many trials are corrected at once; before any others, residuals tell which words the motion may solve.
-_FEW = 0
-
 
 def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
     """The first point of a branch behind a corner; None if no word leads on."""
@@ -52,7 +49,6 @@ def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Reque
         corner = corner_of(event, test, rounds, walk.num_periods)
         point = yield from _point_behind(corner)
         if point is not None:
-            walk.rounds = rounds if rounds == walk.rounds else 1
             return point
     return None
 
