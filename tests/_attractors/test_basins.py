@@ -102,6 +102,7 @@ def test_cycles_are_compared_up_to_a_shift_alone():
 # Attractors of starts
 
 
+@pytest.mark.slow
 @polishes
 @pytest.mark.parametrize(
     "system",

@@ -48,6 +48,7 @@ def test_symmetric_motions_and_those_of_other_machines_are_their_only_image(freq
     np.testing.assert_array_equal(folded.label, plain.label)
 
 
+@pytest.mark.slow
 def test_half_of_a_symmetric_grid_is_run():
     machine = two_alike()
     values = np.linspace(-0.5, 0.29, 12)

@@ -6,10 +6,10 @@ import numpy as np
 
 import vijax as vx
 from vijax._branches.admissibility import LeastMargins, margins_of_cycle
-from vijax._hybrid.limits import RELEASE
+from vijax._hybrid.limits import RELEASE, SLIP
 from vijax._machine.numbers import numbers_of
 from vijax._machine.state import AHEAD, FREE, HELD, KEPT_AHEAD
-from vijax._orbits.cycle import Problem, Unknowns, prepared
+from vijax._orbits.cycle import Problem, Unknowns, prepared, traverse
 from vijax._orbits.sequence import Sequence
 
 
@@ -31,3 +31,25 @@ def test_friction_that_a_stop_kept_at_rest_turns_back_nowhere_after_the_release(
 
     slip = jax.jit(jax.vmap(margins))(jnp.linspace(0.1, 1.5, 30)).gap[:, 1]
     np.testing.assert_array_equal(slip, np.inf)
+
+
+def test_friction_that_a_moving_belt_takes_along_begins_to_slip_without_a_speed():
+    # The guard that vanishes is one of forces. The velocity of the belt beside a stop was taken for its speed, and the
+    # orbit for one that passes through a stop.
+    slips = Sequence(jnp.array([SLIP]), jnp.array([1]), jnp.array([[FREE, HELD], [FREE, AHEAD]], jnp.int8))
+    system = vx.ImpactSystem(
+        [1.0],
+        [[0.1]],
+        [[1.0]],
+        vx.Harmonic([2.0], 0.8),
+        [vx.Stop(0, 1.0)],
+        friction=[vx.Friction(0, 0.5, velocity=-0.4)],
+    )
+
+    @jax.jit
+    def speeds(flight: jax.Array) -> jax.Array:
+        machine, flow = prepared(numbers_of(system), vx.TaylorFlow(), jnp.array(1.0))
+        problem = Problem(machine, flow, slips, jnp.array(0.0), jnp.array(1.0), shifts=jnp.zeros((1, 1)))
+        return traverse(problem, Unknowns(jnp.array([0.0, -0.4]), flight[None]), jnp.array(1))[1]
+
+    np.testing.assert_array_equal(speeds(jnp.array(0.3)), 0.0)

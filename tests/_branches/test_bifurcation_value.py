@@ -126,6 +126,7 @@ def test_derivatives_are_those_of_differences(make, numbers, kind):
     assert float(forward) == pytest.approx(float(slopes @ direction), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_grazing_in_closed_form():
     # The amplitude of the position is that of the load over sqrt((1 - w^2)^2 + c^2 w^2). Grazing is where it is 1.
     damping, amplitude = ALONE
@@ -149,6 +150,7 @@ def test_a_force_that_touches_zero_in_closed_form():
     np.testing.assert_allclose(slopes, exact, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_value_of_another_machine_is_that_of_its_branch():
     changed = CASE_A + np.array([0.02, -0.01, 0.003, 0.01])
     system = eqx.tree_at(lambda s: s.forcing.frequency, case_a(changed), jnp.asarray(0.9))

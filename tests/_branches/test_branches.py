@@ -224,6 +224,7 @@ def grazing_of(doubled):
     return value
 
 
+@pytest.mark.slow
 def test_a_grazing_and_its_derivatives_are_those_of_the_closed_form(doubled):
     value, (damping, w) = grazing_of(doubled), (0.05, 0.83)
     numbers = jnp.array([damping, w])

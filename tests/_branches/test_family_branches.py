@@ -73,6 +73,7 @@ def test_points_of_a_branch_are_orbits_at_its_values(branch):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["gr", "pd"])
 def test_bifurcations_by_eccentricity_are_those_by_amplitude(kind, orbit, of_machine):
     bounds = (0.05 / SPEED**2, 0.6 / SPEED**2)
@@ -82,6 +83,7 @@ def test_bifurcations_by_eccentricity_are_those_by_amplitude(kind, orbit, of_mac
     np.testing.assert_allclose(own.orbit.x0, other.orbit.x0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [pytest.param("gr", marks=pytest.mark.slow), "pd"])
 def test_values_of_bifurcations_have_the_derivatives_of_the_chain_rule(kind, family, branch, of_machine):
     """At a bifurcation e W^2 = A(W), where A is that of the machine: (A' - 2 e W) dW = W^2 de."""
@@ -97,6 +99,7 @@ def test_values_of_bifurcations_have_the_derivatives_of_the_chain_rule(kind, fam
     assert float(slope) == pytest.approx(float(differences), rel=DIFFERENCES)
 
 
+@pytest.mark.slow
 def test_a_fold_of_the_family_is_that_of_the_machine(family, branch):
     (doubled,) = vx.switch_branch(point_of(branch, "pd"))
     other = vx.continuation(doubled, "frequency", (0.7, 0.79), progress=False)
@@ -115,6 +118,7 @@ def test_a_fold_of_the_family_is_that_of_the_machine(family, branch):
     assert float(slope) == pytest.approx(fold.value**2 / (float(of_speed) - fold.value), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_curve_over_two_values_passes_through_bifurcations_of_both(family, branch):
     curve = vx.bifurcation_curve(point_of(branch, "pd"), "clearance", BOUNDS, max_points=20, progress=False)
     assert list(curve.coords) == ["frequency", "clearance"]

@@ -106,6 +106,7 @@ def two_masses(*, has_force):
     return own, (part if has_force else None)
 
 
+@pytest.mark.slow
 def test_derivatives_of_lanes_of_a_spring_written_as_a_force_are_those_of_the_spring():
     starts = jnp.array([[0.1, 0.2, 0.3, -0.4], [-0.3, 0.1, 0.5, 0.2], [0.0, 0.0, 1.0, -1.0]])
     found = []

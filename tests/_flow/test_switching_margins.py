@@ -58,6 +58,7 @@ def test_derivatives_go_through_sticks_and_slips():
     np.testing.assert_allclose(jax.jacfwd(slip)(1.0), slope, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [pytest.param(a, marks=[] if a in _QUICK else pytest.mark.slow) for a in scene_names() if a not in _TIES],

@@ -82,6 +82,7 @@ def test_a_motion_that_never_reaches_a_moving_contact_is_proved_quiet(margin):
     assert float(motions.contraction) == pytest.approx(np.exp(slowest * 2 * np.pi / FREQUENCY), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_impacts_at_one_instant_end_at_the_rounding_of_velocities():
     """A heavy mass crushes a light one against a stop that moves away: all end at the velocity of the stop."""
     system = vx.ImpactSystem(

@@ -32,6 +32,7 @@ def _times(sol: vx.Solution, element: int, kind: int) -> np.ndarray:
     return np.asarray(log.t)[(np.asarray(log.stop) == element) & (np.asarray(log.kind) == kind)]
 
 
+@pytest.mark.slow
 @_with_program
 def test_a_mass_on_a_spring_turns_twice_and_rests():
     sol = vx.simulate(
@@ -147,6 +148,7 @@ def test_where_no_choice_agrees_with_the_laws_the_result_tells_so():
     assert sound.result == vx.RESULTS.successful
 
 
+@pytest.mark.slow
 @_with_program
 def test_a_bouncing_ball_with_spin_rolls_at_last():
     # Of Siconos: radius .5, restitution .9, coefficient .1, spin 2; it rolls with 2/7 and 4/7.

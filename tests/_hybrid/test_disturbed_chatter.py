@@ -51,7 +51,7 @@ def between_masses(mass, length, time):
     return vx.ImpactSystem(mass * np.array([4.5004, 5.4324, 0.853]), np.zeros((3, 3)), stiffness, load, stops)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "v0", "end"),
     [(beside_friction, [0.6095, 0.5062], 8.0), (between_masses, [-0.3148, -1.7119, 0.5126], 6.0)],

@@ -26,7 +26,7 @@ def test_an_impact_that_tears_the_contact_open_sets_the_friction_off():
     np.testing.assert_allclose(sol.x1, [time - ways, -2 * time + ways], rtol=0, atol=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_slips_on_a_mass_that_a_moving_stop_carries():
     """A plate at 0.5 + cos t carries the mass: friction turns with it, and is part of the contact force.
 

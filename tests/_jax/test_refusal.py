@@ -120,7 +120,7 @@ def test_derivatives_alone_depend_on_the_check(derivative):
         jax.block_until_ready(slope(0.1, 20))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_one_lane_of_a_batch_is_enough():
     batch = jax.vmap(lambda k: follow(k).x1)
     with pytest.raises(vx.SimulationError, match="max_steps_reached: "):

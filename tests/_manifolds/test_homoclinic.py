@@ -50,6 +50,7 @@ def touching(saddles):
     return vx.homoclinic_tangencies(saddles, num_values=4, progress=False)
 
 
+@pytest.mark.slow
 def test_a_pendulum_between_stops_in_closed_form(touching):
     assert sorted(touching["side"].values) == [-1, 1]
     exact = touching_amplitude(1.5, 0.8)

@@ -34,7 +34,7 @@ def branch(ds, kind, side):
     return states[: int(np.flatnonzero(one["piece"] >= 0)[-1]) + 1]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_manifolds_of_a_linear_machine_are_straight():
     orbit = vx.periodic_orbit(FALLING, [-0.06], [0.0])
     ds = vx.manifolds(orbit, length=3.0, spacing=0.1, progress=False)

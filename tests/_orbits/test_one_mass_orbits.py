@@ -36,7 +36,7 @@ def speeds(orbits, impacts=1):
 
 
 # R. Ghosh & D. Simpson, arXiv 2510.16218: one impact in two periods. The other root is a different orbit.
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frequency", "amplitude", "speed", "tolerance"),
     [

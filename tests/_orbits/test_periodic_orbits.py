@@ -30,6 +30,7 @@ def orbits(swept):
     return vx.periodic_orbits(swept, progress=False)
 
 
+@pytest.mark.slow
 def test_every_periodic_point_becomes_an_orbit(swept, orbits):
     kinds = vx.classify(swept)
     is_periodic = kinds.num_periods.values > 0

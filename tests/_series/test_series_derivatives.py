@@ -63,6 +63,7 @@ FORCES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force", FORCES)
 def test_the_motion_and_the_jacobian_have_the_series_of_nested_derivatives(force):
     n, args = 2, np.array([0.7, 1.1, 0.4])

@@ -158,7 +158,7 @@ def test_friction_compliant_stops_and_a_force_of_another_period():
     assert assert_runs(ds, lambda point: vx.system_of(point, force=force)) > 8
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_sums_and_rates_are_those_of_the_whole_motion(plain):
     ds = sweep(quantities=["impulse", "dissipated_energy", "impact_rate", "mean_velocity", "rms_velocity"])
     assert ds.impulse.dims == ds.dissipated_energy.dims == (GAP, "stop")

@@ -71,6 +71,7 @@ def test_absolute_accelerations_are_those_of_the_transmission_of_the_base():
         np.testing.assert_allclose(ds.max_acceleration[:, 0], a * relative, rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mass", [pytest.param([1.0, 2.0], marks=pytest.mark.slow), np.diag([1.0, 2.0])], ids=["masses", "matrix"]
 )

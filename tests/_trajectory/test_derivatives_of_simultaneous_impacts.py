@@ -66,7 +66,7 @@ def test_coupled_masses_have_the_derivatives_of_motions_beside(damping):
     np.testing.assert_allclose(swapped @ found @ swapped, found, rtol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("extra", [FAR, CUSHION], ids=["contact", "compliant stop"])
 def test_elements_far_away_change_no_derivative(extra):
     damping = np.diag([0.1, 0.1])

@@ -94,7 +94,7 @@ def test_arrays_that_can_be_changed_are_read_again():
     assert float(vx.simulate(mutable, 0.0, 20.0).x1[0]) != float(first.x1[0])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_machine_object_is_not_kept_alive():
     gc.collect()
     before = len(concrete_machine._seen)

@@ -141,7 +141,7 @@ def end_of(numbers: jax.Array) -> jax.Array:
 NUMBERS = jnp.array([0.8, 1.7, 0.6, 0.4])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_by_frequencies_and_amplitudes_are_differences():
     step = 1e-4 * jnp.eye(4)
     ends = jax.jit(jax.vmap(end_of))

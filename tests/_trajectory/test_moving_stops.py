@@ -304,7 +304,7 @@ def test_a_stop_may_shake_at_the_natural_frequency_of_its_mass():
     np.testing.assert_allclose(ds.v[:, 0], 0.0, rtol=0, atol=natural * MAGNIFIED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_by_the_state_between_stops_that_move_alike():
     """Whether the stops move alike is known outside of the derivatives only."""
     stops = [

@@ -54,7 +54,7 @@ def assert_alike(found: list[Array], expected: list[Array]) -> None:
         np.testing.assert_allclose(np.where(known, a, 0), np.where(known, b, 0), rtol=0, atol=ROUNDING * size)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_except(["sticking"], MACHINES))
 def test_all_derivatives_are_those_of_the_steps(name, monkeypatch):
     system, end, x = MACHINES[name]

@@ -110,6 +110,7 @@ def _marks(name: str, mode: str) -> list:
 _CASES = [pytest.param(name, mode, marks=_marks(name, mode)) for name in MACHINES for mode in DERIVATIVES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "mode"), _CASES)
 def test_derivatives_of_starts_on_contacts_are_one_sided_differences(name, mode):
     machine, start, away = MACHINES[name]

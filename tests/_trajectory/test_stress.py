@@ -212,6 +212,7 @@ def batch(layout, harmonics, lanes):
 for_every_group = pytest.mark.parametrize(("layout", "harmonics", "lanes"), GROUPS)
 
 
+@pytest.mark.slow
 @for_every_group
 def test_every_lane_reaches_its_end_with_numbers(batch):
     result = batch.solution.result

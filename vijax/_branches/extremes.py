@@ -120,7 +120,7 @@ def _sampled(problem: Problem, course: Course) -> _Sampled:
         since = first + step * i
         value = signs * state_on_flight(machine, problem.flow, begin, mode, since)[None]
         # The end of a forced cycle is its beginning, and counts once.
-        is_end = (k == count) & ~(i < num) & ~problem.is_autonomous
+        is_end = (k == count) & ~(i < num) & (not problem.is_autonomous)
         is_better = (value > best.value) & (k <= count) & ~is_end
         ends = jnp.maximum(since - step, first), jnp.minimum(since + step, first + longest)
         new = _Sampled(value, flight, since, *ends)
@@ -153,7 +153,7 @@ def _refined(problem: Problem, course: Course, best: _Sampled) -> Extremes:
         flight, low, high = best.flight, best.low, best.high
         # No event begins or ends the cycle itself: an extreme beside its beginning may lie before its end.
         is_first = (
-            (flight == 0) & (best.since <= limits_of_flight(course, flight)[0]) & ~problem.is_autonomous
+            (flight == 0) & (best.since <= limits_of_flight(course, flight)[0]) & (not problem.is_autonomous)
         )
         falls = is_first & (slope_on(flight, sign, row)(low) < 0)
         flight = jnp.where(falls, count, flight)
