@@ -121,8 +121,6 @@ EVENTS_AT_ONCE = 1e-6
 # start: distance behind an event that is no jump. Share of the way to which a larger one is followed back, by halves; largest
 # distance there, relative to that of the plane.
 NO_JUMP, JUMP_NEARER, NEARER = 1e-5, 0.1, 1.5
-# size of the function: negative value of a test function of a cycle that a machine follows, by rounding.
-NEGATIVE = 1e-10
 # periods: shortest flight of a cycle to whose chatters bounces are added: the rest of them is rounding.
 LIGHTEST_FLIGHT = 1e-7
 # none: size of a test function below which a given orbit lies on the event; its least rate, for it does not only touch zero.

@@ -18,15 +18,14 @@ from ..behind_event import corrected_on_sequence, step_off
 from ..kernels import padded
 from ..kinds import Kind
 from ..parameter_family import ParameterFamily
-from ..point import BranchPoint, DirectedBranch, at_parameter, corrected, is_followed
+from ..point import BranchPoint, DirectedBranch, corrected, is_followed
 from ..requests import HostCall, Requests, ask
 from ..sequence_edits import Word
-from ..test_functions import TestFunction, is_plastic, margins, test_slopes, tests_of
+from ..test_functions import TestFunction, is_plastic, margins, test_slopes
 from ..tolerances import (
     CORNER_NEAR,
     CORNER_SOLVED,
     DOUBLE_ROOT,
-    NEGATIVE,
     SAME_CORNER,
     TRIALS_AHEAD,
     VANISHES_TOGETHER,
@@ -139,7 +138,7 @@ def _point_on(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
 
 def _accepted(corner: Corner, trial: Trial, new: BranchPoint) -> Requests[BranchPoint | None]:
     """A point behind a corner, if its margins are positive and the machine follows it; else None."""
-    if lowest_margin(new, corner, trial.words) < 0 or (yield from _is_way_back(new, corner, trial)):
+    if lowest_margin(new, corner, trial.words) < 0:
         return None
     return (yield from is_followed_behind(new, corner.num_periods))
 
@@ -155,22 +154,6 @@ def _rises(at: BranchPoint) -> bool:
     values, slopes = margins(sequence, at.seen), test_slopes(sequence, at.seen)
     own = slopes[np.abs(values) < VANISHES_TOGETHER]
     return not len(own) or bool(own.min() > -own.max())
-
-
-def _is_way_back(point: BranchPoint, corner: Corner, trial: Trial) -> Requests[bool]:
-    """True if a point is one of the branch before its corner: where nothing damps a contact two of its guards vanish at once."""
-    before = [at.word for at in corner.instants]
-    if [meaning(word, is_logged=True) for word in trial.words] != [
-        meaning(word, is_logged=True) for word in before
-    ]:
-        return False
-    event, flights = corner.event, point.place.flights
-    if len(flights) != len(event.place.flights):
-        return False
-    seen = yield from at_parameter(event.sequence, point.place, float(point.place.p))
-    old = BranchPoint.of(event.sequence, seen, event.arc)
-    is_same = seen.found.is_converged and np.abs(old.place.z - point.place.z).max() < SAME_CORNER
-    return bool(is_same) and all(test.of(seen) > -NEGATIVE for test in tests_of(event.sequence))
 
 
 def _new_durations(corner: Corner, trial: Trial) -> list[int]:

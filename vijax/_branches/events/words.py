@@ -112,13 +112,10 @@ def _modes_behind(own: int, event: int, after: int, kind: int, is_tied: bool) ->
     return [own, *_JUMPS.get(event % SECOND, {}).get(own, [])]
 
 
-def meaning(word: Word, *, is_logged: bool = False) -> tuple:
-    """What a machine does on a word: a contact that pushes no more is left without an event.
-
-    `is_logged` for what its log tells, which of two guards of an element vanishes not included.
-    """
+def meaning(word: Word) -> tuple:
+    """What a machine does on a word: a contact that pushes no more is left without an event."""
     return tuple(
-        (kind % SECOND if is_logged else kind, stop, tuple(FREE if own == INSIDE else own for own in mode))
+        (kind, stop, tuple(FREE if own == INSIDE else own for own in mode))
         for kind, stop, mode in word
         if kind != LEAVE
     )
