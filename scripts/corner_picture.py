@@ -69,8 +69,8 @@ def both_margins(ax: Axes, found: vx.Branch) -> None:
         found.values[order], values[order, 0], "-", label="(STICK, SLIP): duration of the stick / periods"
     )
     ax.plot(found.values[order], values[order, 1], "-.", label="(TURN): force beyond the grip")
-    ax.plot(corner.value, 0, "ko", label=f"corner, `{corner.kind}`")
-    ax.set(xlabel="frequency", ylabel="margin", ylim=(-0.02, None))
+    ax.plot(corner.value, 0, "ko", label=f"corner, {corner.kind}")
+    ax.set(xlabel="frequency", ylabel="margin", ylim=(-0.02, 0.85))
     ax.legend()
 
 
