@@ -27,7 +27,7 @@ def constants_of(file: Path) -> list[ast.Assign]:
     return [one for one in body if isinstance(one, ast.Assign) and has_real(one.value)]
 
 
-@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.py")), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", sorted(FOLDER.rglob("*.py")), ids=lambda file: file.stem)
 def test_no_other_file_has_a_tolerance(file):
     if file == RECORD:
         return

@@ -10,12 +10,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._hybrid.guards import is_idle, select_active
-from .._hybrid.limits import FORCE, GAP, IMPACT, OPEN
+from .._hybrid.limits import CLOSE, FORCE, GAP, IMPACT, OPEN
 from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of, is_any
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
-from .._machine.state import AHEAD, BEHIND, CLOSED, FREE, KEPT, STICKING
+from .._machine.state import AHEAD, BEHIND, CLOSED, FREE, INSIDE, KEPT, STICKING
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
 from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effective, held_in
 from .._trajectory.batched import row_of_lane
@@ -67,10 +67,6 @@ class LeastMargins(NamedTuple):
     is_plastic: Bool[Array, " stops"]
     last: Scalar
     grip: Any = None
-
-    def touch_of(self, stop: int) -> tuple[int, float]:
-        """Flight and time of the least gap of a stop, both concrete."""
-        return int(self.gap_flight[stop]), float(self.gap_time[stop])
 
 
 class Margins(NamedTuple):
@@ -283,9 +279,10 @@ def _with_cut_guards(
 ) -> tuple[_Minima, _Minima]:
     """The minima of guards with those at the event before flight `k`, where another event cuts a flight off.
 
-    The sliding velocity may fall before an impact, or rise behind it. Where a compliant contact opens by one guard, the other
-    one may fall, and so may those of an element at rest that the event of another sets free. `readings` are those just before
-    the event and just behind it; `minima` those of elements that do not hold, and of those that do.
+    The sliding velocity may fall before an impact, or rise behind it. Where a compliant contact opens by one guard, or closes
+    again before it is left, the other one may fall, and so may those of an element at rest that the event of another sets
+    free. `readings` are those just before the event and just behind it; `minima` those of elements that do not hold, and of
+    those that do.
     """
     sequence, last, (before, now), (gaps, forces) = course.sequence, jnp.maximum(k - 1, 0), readings, minima
     if not len(sequence.kind):
@@ -300,9 +297,9 @@ def _with_cut_guards(
         # Behind an impact in which it stops it begins at no velocity.
         is_begin = is_begin & ~_of_guards(sequence, of_flight(course.begins.grip, k) > 0)
     slid, slides = slides_in(mode) & is_end, slides_in(following) & is_begin
-    opens = (_numbers(mode) == stop) & (mode == CLOSED)
-    by_second = kind == OPEN + SECOND
-    falls = slid | jnp.concatenate([opens & by_second, opens & (kind == OPEN)])
+    is_own = _numbers(mode) == stop
+    opens, closes = is_own & (mode == CLOSED), is_own & (mode == INSIDE) & (kind == CLOSE + SECOND)
+    falls = slid | jnp.concatenate([opens & (kind == OPEN + SECOND) | closes, opens & (kind == OPEN)])
     at = lambda time: jnp.broadcast_to(time, gaps.since.shape)  # noqa: E731
     gaps = gaps.lowered(is_cut & falls & (before.gap[1] < 0), before.gap[0], at(duration), last)
     freed = held_in(mode) & ~held_in(effective(following)) & (_numbers(mode) != stop)

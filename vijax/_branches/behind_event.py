@@ -6,59 +6,15 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .kernels import trimmed
-from .kinds import EndKind, Kind
+from .kinds import EndKind
 from .parameter_family import ExtendedCycle
-from .point import BranchPoint, End, correct_with_free_parameter, corrected, is_followed
+from .point import BranchPoint, End, correct_with_free_parameter, corrected
 from .requests import Requests
-from .test_functions import TestFunction, tests_of
-from .tolerances import EARLIER_IMPACTS, JUMP_NEARER, NEARER, NEGATIVE, NO_JUMP, STEP_OFF, VANISHES_TOGETHER
+from .test_functions import tests_of
+from .tolerances import JUMP_NEARER, NEARER, NO_JUMP, STEP_OFF, STEPS_FROM_GUESS
 
-
-def vanishing_with(event: BranchPoint, test: TestFunction) -> list[int]:
-    """Numbers of the events or stops of all test functions like a given one that vanish at an event, its own included.
-
-    A symmetric machine touches two stops at once, for instance.
-    """
-    positions, velocities = np.split(np.abs(event.seen.start), 2)
-    sizes: dict[str, float] = {Kind.TOUCH: positions.max(), Kind.GRAZING: velocities.max()}
-    size = VANISHES_TOGETHER * (1.0 if test.of_flight else sizes.get(test.kind, 0.0))
-    return [
-        one.index
-        for one in tests_of(event.sequence)
-        if (one.kind, one.of_flight) == (test.kind, test.of_flight)
-        and (one.index == test.index or abs(one.of(event.seen)) < size)
-    ]
-
-
-def with_earlier_impacts(
-    event: BranchPoint, sequence: Sequence, place: ExtendedCycle, impacts: list[int]
-) -> Requests[BranchPoint | None]:
-    """The followed point behind an event with several new impacts, which come earlier by a given time; None if none is.
-
-    The tangent at the event does not tell in which proportion they do.
-    """
-    is_impact = np.isin(np.arange(len(place.flights)), impacts).astype(float)
-    sum_of_times = np.cumsum(is_impact[::-1])[::-1]
-    weights = ExtendedCycle(0 * place.z, sum_of_times, 0 * place.p)
-    for earlier in EARLIER_IMPACTS:
-        guess = place._replace(flights=place.flights - earlier * np.diff(is_impact, prepend=0.0))
-        new = yield from followed_beside(event, sequence, guess, weights)
-        if new is not None:
-            return new if new.tangent.along(weights) < 0 else new.turned()
-    return None
-
-
-def followed_beside(
-    event: BranchPoint, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle
-) -> Requests[BranchPoint | None]:
-    """The point behind an event in the plane of a guess; None unless the machine follows it and it is joined to the event."""
-    seen = yield from corrected(sequence, guess, weights, guess.along(weights))
-    if not seen.found.is_converged:
-        return None
-    new = BranchPoint.of(sequence, seen, event.arc)
-    if not ((yield from is_followed(new)) and (yield from is_joined(event, new))):
-        return None
-    return new._replace(arc=event.arc + new.place.distance_of_starts(event.place))
+# From a point to the point that takes its place, or None.
+Accepts = Callable[[BranchPoint], Requests[BranchPoint | None]]
 
 
 def corrected_on_sequence(
@@ -71,42 +27,25 @@ def corrected_on_sequence(
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
-def oriented(
-    sequence: Sequence, place: ExtendedCycle, event: BranchPoint, ahead: Callable[[BranchPoint], float]
-) -> Requests[BranchPoint | End]:
-    """The point on the new sequence, in the direction in which a value of its tangent is positive."""
-    at = yield from corrected_on_sequence(sequence, place, event)
-    return at if isinstance(at, End) else (yield from step_off(at, ahead(at) > 0))
-
-
-def step_off(
-    at: BranchPoint, is_ahead: bool = True, lengths: tuple[float, ...] = STEP_OFF
-) -> Requests[BranchPoint | End]:
-    """A point close behind, in the direction of the tangent or the opposite one."""
+def step_off(at: BranchPoint, is_ahead: bool, accepted: Accepts) -> Requests[BranchPoint | None]:
+    """The first accepted point close behind, in the direction of the tangent or the opposite one; None if there is none."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
-    for ds in lengths:
+    for ds in STEP_OFF:
         guess = at.place.moved(tangent, ds)
         seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
         new = BranchPoint.of(at.sequence, seen, at.arc + ds)
         # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
-        is_near = seen.found.is_converged and new.place.distance(guess) < ds
-        if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
-            return new
-    return End(EndKind.SEVERAL_EVENTS)
+        if seen.found.is_converged and new.place.distance(guess) < STEPS_FROM_GUESS * ds:
+            found = yield from accepted(new)
+            if found is not None:
+                return found
+    return None
 
 
-def keeps_margins(event: BranchPoint, new: BranchPoint) -> bool:
-    """True if no test function has become negative behind an event: a run tells no impact from one of a speed below zero.
-
-    The guard of an element whose load others take over may be negative all along.
-    """
-    before = {
-        (test.least, test.index): test.of(event.seen) for test in tests_of(event.sequence) if test.least
-    }
-    return all(
-        test.of(new.seen) > -NEGATIVE or before.get((test.least, test.index), 0.0) < -NEGATIVE
-        for test in tests_of(new.sequence)
-    )
+def with_margins(point: BranchPoint) -> Requests[BranchPoint | None]:
+    """The point if all its margins are positive; else None."""
+    yield from ()
+    return point if min((test.of(point.seen) for test in tests_of(point.sequence)), default=1) > 0 else None
 
 
 def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:

@@ -22,9 +22,8 @@ from .parameter_family import ExtendedCycle, ParameterFamily
 from .peak_setup import peak_condition
 from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
-from .sequence_edits import with_event, with_events_merged, with_slip
+from .sequence_edits import with_event, with_events_merged, with_slip_behind
 from .starts import Start, family_of, starting_orbits
-from .switching_changes import later_of_meeting
 from .test_functions import TestFunction, grips, kind_at, tests_of
 from .tolerances import AT_BIFURCATION, NO_DURATION, NO_SPEED
 
@@ -100,12 +99,9 @@ def _at_event(
         condition = _at_grip(family, sequence, place)
         if condition is not None:
             return condition, sequence, place
-    if sequence.is_switching:
-        sequence, place, k, is_tangent = _with_switching_event(family, kind, sequence, place)
-        if kind == Kind.CROSSING_SLIDING:
-            return AtTurn(np.zeros(0), np.asarray(k)), sequence, place
-    else:
-        sequence, place, k, is_tangent = with_bifurcation_event(family, kind, sequence, place)
+    sequence, place, k, is_tangent = with_bifurcation_event(family, kind, sequence, place)
+    if kind == Kind.CROSSING_SLIDING:
+        return AtTurn(np.zeros(0), np.asarray(k)), sequence, place
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
 
 
@@ -132,69 +128,37 @@ def _at_grip(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) 
 def with_bifurcation_event(
     family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
-    """Cycle with the event of the bifurcation inserted; its number, and whether its value has zero rate."""
-    seen = _seen(family, sequence, place)
-    test, watched = _test_of(kind, sequence, seen), seen.watched
-    k, is_tangent = test.index, test.kind != Kind.DOUBLE_IMPACT
-    if test.kind == Kind.TOUCH:
-        flight, time = watched.touch_of(k)
-        sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
-        k = flight
-    if test.kind == Kind.FORCE_ZERO:
-        flight, time = int(watched.force_flight[k]), float(watched.force_time[k])
-        sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
-        k, is_tangent = flight, bool(place.flights[flight] > NO_DURATION[str(place.flights.dtype)])
-    return sequence, place, k, is_tangent
-
-
-def _with_switching_event(
-    family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
-) -> tuple[Sequence, ExtendedCycle, int, bool]:
-    """`with_bifurcation_event` for machines with friction or compliant contacts: with no event that has no duration."""
-    seen = _seen(family, sequence, place)
-    watched, num = seen.watched, sequence.mode.shape[1]
+    """Cycle with the event of the bifurcation, which has a duration; its number, and whether its value has zero rate."""
+    seen, num = _seen(family, sequence, place), sequence.mode.shape[1]
     tests = [test for test in tests_of(sequence) if public_kind(kind_at(test, sequence, seen)) == kind]
-    is_grazing = kind == Kind.GRAZING
-    test = (
-        _vanishing(tests, sequence, seen) if is_grazing else min(tests, key=lambda test: abs(test.of(seen)))
-    )
-    k = test.index
+    test = _vanishing(tests, sequence, seen)
+    k, watched = test.index, seen.watched
     if test.kind == Kind.TEAR:
         flight = int(watched.rise_flight[k])
-        return *with_slip(sequence, place, flight - 1, k, is_behind=True), flight, False
-    if test.kind == Kind.GRAZING and sequence.kind[k] == IMPACT:
-        return sequence, place, k, True
-    if test.of_flight or test.kind == Kind.GRAZING:
-        at = BranchPoint.of(sequence, seen, 0.0)
-        meeting = k if test.of_flight else later_of_meeting(at, k)
+        return *with_slip_behind(sequence, place, flight - 1, k), flight, False
+    if not (test.least or test.of_flight) and (kind == Kind.CROSSING_SLIDING or sequence.kind[k] == IMPACT):
+        return sequence, place, k, kind == Kind.GRAZING
+    if not test.least:
+        meeting = k if test.of_flight else _later_of_meeting(BranchPoint.of(sequence, seen, 0.0), k)
         if meeting is None:
             raise ValueError(
                 "No two events of the contact meet at this point: begin at another bifurcation of the branch."
             )
-        k = meeting
         if kind == Kind.DOUBLE_IMPACT:
-            return sequence, place, k, False
-        return _with_switching_event(family, kind, *with_events_merged(sequence, place, k))
-    if kind == Kind.CROSSING_SLIDING:
-        return sequence, place, k, False
-    is_force = test.kind in (Kind.ADDING_SLIDING, Kind.FORCE_ZERO) and np.isfinite(watched.force[k])
-    flights, times = (
-        (watched.force_flight, watched.force_time) if is_force else (watched.gap_flight, watched.gap_time)
+            return sequence, place, meeting, False
+        return with_bifurcation_event(family, kind, *with_events_merged(sequence, place, meeting))
+    flight, time = (
+        int(getattr(watched, test.least + "_flight")[k]),
+        float(getattr(watched, test.least + "_time")[k]),
     )
-    flight, guard = int(flights[k]), SECOND * (k >= num)
-    of_event = (SLIP if is_force else CLOSE) + guard, k % num, flight, float(times[k])
-    sequence, place = with_event(sequence, place, *of_event)
+    events = (CLOSE, SLIP) if sequence.is_switching else (IMPACT, RELEASE)
+    event = events[test.least == "force"] + SECOND * (k >= num)
+    sequence, place = with_event(sequence, place, event, k % num, flight, time)
     is_later = bool(place.flights[flight] > NO_DURATION[str(place.flights.dtype)])
     if kind == Kind.DOUBLE_IMPACT:
         # A guard that another event cuts off vanishes at the beginning of its flight, or at the end.
         return sequence, place, flight + is_later, False
     return sequence, place, flight, is_later
-
-
-def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
-    """Test function that vanishes at the point."""
-    wanted = (Kind.GRAZING, Kind.TOUCH) if kind == Kind.GRAZING else (kind,)
-    return _vanishing([test for test in tests_of(sequence) if test.kind in wanted], sequence, seen)
 
 
 def _vanishing(tests: Iterable[TestFunction], sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
@@ -206,3 +170,10 @@ def _vanishing(tests: Iterable[TestFunction], sequence: Sequence, seen: Correcte
         if test.kind == Kind.GRAZING and sequence.kind[test.index] == IMPACT and abs(test.of(seen)) < light
     ]
     return min(impacts or tests, key=lambda test: abs(test.of(seen)))
+
+
+def _later_of_meeting(event: BranchPoint, k: int) -> int | None:
+    """Number of the later of two events of one compliant contact of which `k` is one, with no time between; None if it has none."""
+    flights, stop = np.append(event.place.flights, np.inf), np.append(event.sequence.stop, -1)
+    pairs = [i for i in (k, k + 1) if i and stop[i] == stop[i - 1]]
+    return min(pairs, key=lambda i: abs(flights[i]), default=None)

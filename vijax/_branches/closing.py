@@ -23,23 +23,14 @@ def repetitions_of(
     return 1
 
 
-def is_shorter_at(event: BranchPoint, num_periods: int | float, rounds: int, within: float) -> Requests[bool]:
-    """Test whether a cycle is a shorter one at an event: its impacts of zero speed there leave the motion as it is."""
-    num_periods = _finite(num_periods)
-    for n in _periods_of_shorter(num_periods):
-        if n * rounds < num_periods and (yield from _has_returned(event.sequence, event.place, n, within)):
-            return True
-    return False
-
-
 def _periods_of_shorter(num_periods: int) -> list[int]:
     return [n for n in range(1, num_periods) if num_periods % n == 0]
 
 
 def _has_returned(sequence: Sequence, place: ExtendedCycle, n: int, within: float) -> Requests[bool]:
     """Test whether a cycle is back at its start after n forcing periods."""
-    located = yield from ask(location_on(sequence, place, float(n)))
-    return bool(np.abs(located.z - place.z).max() < within)
+    z = yield from ask(location_on(sequence, place, float(n)))
+    return bool(np.abs(z - place.z).max() < within)
 
 
 def _finite(num_periods: int | float) -> int:
@@ -76,8 +67,8 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[int | No
         if not isinstance(old, BranchPoint) or not _may_be_same(old, last):
             continue
         for n in range(_finite(walk.num_periods)):
-            located = yield from ask(location_on(last.sequence, last.place, float(n)))
-            if np.abs(located.z - old.place.z).max() < SAME_CYCLE and (n > 0 or _is_same_way(old, last)):
+            z = yield from ask(location_on(last.sequence, last.place, float(n)))
+            if np.abs(z - old.place.z).max() < SAME_CYCLE and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]
     return None

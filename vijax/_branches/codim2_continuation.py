@@ -257,7 +257,7 @@ def _in_section(here: CurveState, peak: PeakQuantity | None) -> CurveState:
     by = passed_section(place, num_periods)
     if by == 0:
         return here
-    z = _answer(here, location_on(sequence, place, 0.0 if by > 0 else num_periods)).z
+    z = _answer(here, location_on(sequence, place, 0.0 if by > 0 else num_periods))
     sequence, place = shifted(sequence, place, by, num_periods, np.asarray(z))
     condition = replace(here.defining.condition, own=here.at.own)
     if isinstance(condition, AtEvent | AtTurn | AtGrip):

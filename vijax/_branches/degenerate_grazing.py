@@ -1,23 +1,19 @@
 """Degenerate grazing: several impacts of a cycle vanish at once, where it repeats a shorter cycle that grazes.
 
-Branches of cycles of several periods end at the grazing of a cycle of fewer: its impacts may appear in any of its rounds, so
-that several branches meet there, and none of them continues another. Only the motion without any impact continues them.
-
-If several impacts vanish no step leads there, for with m of them of speed v the multipliers grow like v^-m; but the cycle
-without these impacts is as well-conditioned there as anywhere.
+No step leads there, for with m impacts of speed v the multipliers grow like v^-m; but the cycle without these impacts is as
+well-conditioned there as anywhere.
 """
 
 import numpy as np
 
 from .._hybrid.limits import IMPACT
-from .behind_event import corrected_on_sequence
 from .kinds import Kind
 from .locate import locate
 from .point import BranchPoint, End, at_parameter, predicted_point
 from .requests import Requests
 from .sequence_edits import without_event
 from .test_functions import kind_at, tests_of
-from .tolerances import CYCLES_NEAR, LIGHT_IMPACT, RESONANT, SLOPE_STEP, VANISHED_IMPACT, ZERO_NEAR
+from .tolerances import CYCLES_NEAR, LIGHT_IMPACT, SLOPE_STEP, ZERO_NEAR
 
 
 def grazing_of_shorter_cycle(point: BranchPoint) -> Requests[BranchPoint | None]:
@@ -39,28 +35,6 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> Requests[BranchPoint | None]
         if found is not None and _is_near(point, found, speeds[light].max()):
             return found._replace(arc=point.arc)
     return None
-
-
-def without_impacts(event: BranchPoint) -> Requests[BranchPoint | End | None]:
-    """The point of an event on the motion without impacts; None if other events remain.
-
-    An `End` at a resonance without losses, where all free vibrations repeat and no orbit is isolated.
-    """
-    sequence, place, found = event.sequence, event.place, event.seen.found
-    _, velocities = np.split(np.abs(event.seen.start), 2)
-    speeds = np.abs(found.speeds[: len(sequence.kind)])
-    # Impacts at which friction turns leave turns behind.
-    is_one_mode = np.all(sequence.mode == sequence.mode[:1])
-    if (
-        np.any(sequence.kind != IMPACT)
-        or np.any(speeds > VANISHED_IMPACT * velocities.max())
-        or not is_one_mode
-    ):
-        return None
-    for k in range(len(sequence.kind))[::-1]:
-        sequence, place = without_event(sequence, place, k)
-    free = yield from corrected_on_sequence(sequence, place, event)
-    return End(Kind.GRAZING) if isinstance(free, End) or abs(free.tangent.p) < RESONANT else free
 
 
 def vanishing(start: BranchPoint, kind: str, stop: int) -> Requests[BranchPoint | None]:

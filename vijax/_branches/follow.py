@@ -10,9 +10,10 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .behind_event import step_off
-from .closing import first_repeated, is_at_start, is_shorter_at, repetitions_of
-from .degenerate_grazing import grazing_of_shorter_cycle, without_impacts
+from .behind_event import step_off, with_margins
+from .closing import first_repeated, is_at_start, repetitions_of
+from .degenerate_grazing import grazing_of_shorter_cycle
+from .events.cross import cross
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import MOST_EVENTS, SimulatedMotion, padded, trimmed
 from .kinds import EndKind, Kind, public_kind
@@ -29,19 +30,15 @@ from .point import (
     predicted_point,
 )
 from .requests import Requests, ask, simulation_from, simulation_of
-from .sequence_switching import (
-    by_sequence,
-    continue_by_simulation,
-    cycle_of_simulation,
-    in_section,
-    with_simulated_bounces,
-)
+from .section import in_section
+from .simulated_events import cycle_of_simulation, with_simulated_bounces
 from .steps import PlainSteps, Tried
 from .test_functions import (
     TestFunction,
     begins_with_contact,
     crossings,
     grips,
+    is_plastic,
     kind_at,
     stops_in_impacts,
     tests_of,
@@ -56,10 +53,8 @@ from .tolerances import (
     ORBIT_NEAR,
     PROBE_STEP,
     SEPARATE_EVENTS,
-    SHORTER_AT_EVENT,
     SHORTER_BEHIND,
     SHORTEST_STEP,
-    STEP_OFF_LIGHT,
     TRIALS_AHEAD,
     TRUSTED,
     VANISHING_STICK,
@@ -188,10 +183,7 @@ def _add_and_release_hold(
     end = yield from _add_if_new(walk, event)
     if end is not None:
         return end
-    new = yield from step_off(event)
-    if isinstance(new, End) and event.sequence.is_switching:  # the speed of the impact may grow by squares
-        new = yield from step_off(event, lengths=STEP_OFF_LIGHT)
-    return new
+    return (yield from step_off(event, True, with_margins)) or End(EndKind.SEVERAL_EVENTS)
 
 
 def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requests[End | None]:
@@ -283,7 +275,10 @@ def _step(
     crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
     met = without_echoes(point.sequence, crossed)
     met += stops_in_impacts(point.sequence, point.seen, new.seen)
-    if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
+    if any(
+        test.kind == Kind.CHATTER_COMPLETION and not is_plastic(point.sequence, point.seen, test)
+        for test in met
+    ):
         return None  # ever more bounces accumulate on the step
     confirmed = None
     if not met:
@@ -318,11 +313,6 @@ def _step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step |
         specials = yield from special_points(walk, point, first[1])
         return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
     return None
-
-
-def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:
-    """True if the stop of an event has zero restitution."""
-    return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
 
 
 def _confirmed(
@@ -361,38 +351,22 @@ def _continue_behind_event(
     end = yield from _add_if_new(walk, event)
     if end is not None:
         return end
-    if test.kind in (Kind.TOUCH, Kind.GRAZING):
-        free = yield from without_impacts(event)
-        if isinstance(free, End):
-            return free
-        is_shorter = yield from is_shorter_at(event, walk.num_periods, walk.rounds, SHORTER_AT_EVENT)
-        if is_shorter:
-            return (yield from _beyond(event, free))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     is_touch = test.kind == Kind.TOUCH and not event.sequence.is_switching
     walk.cascade = [*same, (test.index, event)] if is_touch else []
     limit = yield from _end_at_cascade_limit(walk, MANY)
     if limit is not None:
         return limit
-    new = yield from by_sequence(walk, test, event)
-    if isinstance(new, End):
-        new = yield from continue_by_simulation(event, walk.num_periods)
-    if isinstance(new, End):
-        return new
+    new = yield from cross(walk, test, event)
+    if new is None:
+        return End(public_kind(event.kind))
     rounds = yield from repetitions_of(new.sequence, new.place, walk.num_periods, SHORTER_BEHIND)
-    # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events has none.
-    return End(public_kind(event.kind)) if rounds > walk.rounds and len(new.sequence.kind) else new
-
-
-def _beyond(event: BranchPoint, free: BranchPoint | None) -> Requests[BranchPoint | End]:
-    """The point behind a grazing on the motion without impacts, at parameters where the branch before was not.
-
-    An `End` if there is none: several branches meet where a shorter cycle grazes, and none continues another.
-    """
-    if free is None:
-        return End(Kind.GRAZING)
-    new = yield from step_off(free, bool(free.tangent.p * event.tangent.p > 0))
-    return End(Kind.GRAZING) if isinstance(new, End) else new
+    # It meets the branch of a shorter cycle, whose bifurcations are not its own; motion without events, which has none,
+    # continues it where it was not before.
+    is_ahead = bool(new.tangent.p * event.tangent.p > 0)
+    is_other = rounds > walk.rounds and (len(new.sequence.kind) > 0 or not is_ahead)
+    walk.rounds = rounds
+    return End(public_kind(event.kind)) if is_other else new
 
 
 def _add_if_new(walk: DirectedBranch, point: BranchPoint) -> Requests[End | None]:

@@ -16,16 +16,14 @@ from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
 from .._orbits.sequence import NOTHING, Instants, Sequence, is_same_sequence, kinds_of, sequence_of
-from .._system.waves import phase_at
 from .._trajectory.loop import Choices
 from .._trajectory.results import RESULTS
 from .._trajectory.single_call import run_for_log
-from .admissibility import LeastMargins, Margins, guards_of, margins_at, margins_of_cycle
+from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
 from .batch_corrector import can_correct_many, correct_many
 from .batch_margins import margins_of_cycles
 from .corrector import Corrected, correct, evaluate_at
 from .parameter_family import ExtendedCycle, ParameterFamily
-from .torn_friction import excess_of_torn, grip_before_torn
 
 # Padded numbers of events for which kernels are compiled.
 _ROOMS = 16, 64, 256, 1024
@@ -74,13 +72,6 @@ class SimulatedMotion(NamedTuple):
     sequence: Sequence
     flights: Float[Array, " events"]
     z: Float[Array, " state"]
-
-
-class LocatedState(NamedTuple):
-    """Scaled state at a time of a cycle, (2 n,), and the rates of the gaps there along a branch, (stops,)."""
-
-    z: Float[Array, " state"]
-    gap_rates: Float[Array, " stops"]
 
 
 def corrected_cycle(
@@ -208,17 +199,6 @@ def _with_rates(
     return CorrectedCycle(found, watched, rates, start - frame_offset(problem), past)
 
 
-def torn_margins(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
-) -> tuple[Float[Array, "events elements"], Float[Array, "events elements"]]:
-    """Grip left just before each event that tears friction off, and force beyond it behind, see `torn_friction.py`."""
-    problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    begins, _ = traverse(problem, unknowns, jnp.sum(sequence.is_event))
-    guards = guards_of(problem)
-    left = grip_before_torn(sequence, begins, unknowns.flights, guards)
-    return left, excess_of_torn(sequence, begins, guards)[1:]
-
-
 class Begun(NamedTuple):
     """A run of the machine that is asked for.
 
@@ -325,20 +305,10 @@ def read_motion(
 
 
 def locate_state(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle, time: Scalar
-) -> LocatedState:
-    """State of a cycle `time` forcing periods after its start, and the rates of the gaps there in a direction."""
-
-    def of(place: ExtendedCycle) -> LocatedState:
-        problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-        z = state_at(problem, unknowns, time)
-        machine, turns = problem.machine, problem.phase + time
-        phase = phase_at(2 * jnp.pi * turns, machine.waves.num_harmonics)
-        gaps = machine.contacts.gaps(jnp.split(z, 2)[0], phase)
-        return LocatedState(z / family.scale, gaps)
-
-    located, rates = jax.jvp(of, (place,), (direction,))
-    return LocatedState(located.z, rates.gap_rates)
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, time: Scalar
+) -> Float[Array, " state"]:
+    """Scaled state of a cycle `time` forcing periods after its start, (2 n,)."""
+    return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
 
 
 def jacobian(

@@ -16,7 +16,7 @@ from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, End, at_parameter, corrected
 from .requests import Requests
 from .scheduler import drive
-from .sequence_switching import in_section
+from .section import in_section
 from .starts import Start, families_of, value_of
 from .tolerances import MEMBER_NEAR, MEMBER_SAME, SAME_PARAMETER
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from jaxtyping import Array
 
 from .._orbits.sequence import Sequence
-from .kernels import LocatedState, SimulatedMotion, locate_state, simulate_motion
+from .kernels import SimulatedMotion, locate_state, simulate_motion
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 T = TypeVar("T")
@@ -74,6 +75,6 @@ def simulation_from(sequence: Sequence, start: np.ndarray, p: float) -> KernelCa
     return KernelCall(simulate_motion, sequence, (nowhere, start))
 
 
-def location_on(sequence: Sequence, place: ExtendedCycle, time: float) -> KernelCall[LocatedState]:
-    """Request for the `LocatedState` of a cycle, `time` forcing periods after its start."""
-    return KernelCall(locate_state, sequence, (place, place, np.asarray(time, float)))
+def location_on(sequence: Sequence, place: ExtendedCycle, time: float) -> KernelCall[Array]:
+    """Request for the scaled state of a cycle, (2 n,), `time` forcing periods after its start."""
+    return KernelCall(locate_state, sequence, (place, np.asarray(time, float)))

@@ -1,17 +1,61 @@
 """Edits of the sequence of a cycle where an event appears, vanishes or passes another; the motion stays the same."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from .._hybrid.limits import CLOSE, RELEASE, SLIP, STICK, TURN
-from .._machine.state import BEHIND, CLOSED, STICKING
+from .._hybrid.limits import SLIP, STICK, TURN
+from .._machine.state import BEHIND, STICKING
 from .._orbits.sequence import SECOND, Sequence, effective
 from .parameter_family import ExtendedCycle
+
+Modes = tuple[int, ...]
 
 
 def are_alike(one: Sequence, other: Sequence) -> bool:
     """True if two sequences have the same events at the same stops, and the same motion between them."""
     modes = effective(one.mode), effective(other.mode)
     return all(map(np.array_equal, (one.kind, one.stop, modes[0]), (other.kind, other.stop, modes[1])))
+
+
+class Letter(NamedTuple):
+    """An event: its kind, its element, and the modes of all elements behind it, as in `Sequence`."""
+
+    kind: int
+    stop: int
+    mode: Modes
+
+
+Word = tuple[Letter, ...]
+
+
+def letters_between(sequence: Sequence, first: int, last: int) -> Word:
+    """Events `first` to `last - 1` of a sequence."""
+    return tuple(
+        Letter(int(sequence.kind[k]), int(sequence.stop[k]), tuple(map(int, sequence.mode[k + 1])))
+        for k in range(first, last)
+    )
+
+
+def exchanged(
+    sequence: Sequence, place: ExtendedCycle, changes: list[tuple[tuple[int, int], float, Word]]
+) -> tuple[Sequence, ExtendedCycle]:
+    """The cycle with other letters at some instants: for each the events from first to last, its time, and the new word."""
+    times = np.cumsum(place.flights)
+    letters: list[Letter] = []
+    when: list[float] = []
+    begin = 0
+    for (first, last), time, word in [*changes, ((len(times), len(times)), 0.0, ())]:
+        letters += [*letters_between(sequence, begin, first), *word]
+        when += [*times[begin:first], *[time] * len(word)]
+        begin = last
+    modes = np.array([tuple(map(int, sequence.mode[0])), *(letter.mode for letter in letters)])
+    new = Sequence(
+        np.array([letter.kind for letter in letters], sequence.kind.dtype),
+        np.array([letter.stop for letter in letters], sequence.stop.dtype),
+        modes.astype(sequence.mode.dtype),
+    )
+    return new, place._replace(flights=np.diff(np.array(when), prepend=0.0))
 
 
 def with_event(
@@ -21,128 +65,42 @@ def with_event(
 
     It is an impact of zero speed, where a gap vanishes, or a release that frees no mass, where a force vanishes.
     """
-    since = time - place.flights[:flight].sum()
-    mode = np.insert(sequence.mode, flight, sequence.mode[flight], axis=0)
-    flights = np.insert(place.flights, flight, since)
-    if flight < len(place.flights):
-        flights[flight + 1] -= since
-    kinds, stops = np.insert(sequence.kind, flight, kind), np.insert(sequence.stop, flight, stop)
-    return Sequence(kinds, stops, mode), place._replace(flights=flights)
-
-
-def with_contact(
-    sequence: Sequence,
-    place: ExtendedCycle,
-    stop: int,
-    opening: int,
-    flight: int,
-    when: tuple[float, float],
-) -> tuple[Sequence, ExtendedCycle]:
-    """Insert a short contact on a flight: a compliant contact closes and, by an event of kind `opening`, opens.
-
-    `when` is the time of its middle, in forcing periods after the start, and its duration.
-    """
-    middle, duration = when
-    sequence, place = with_event(sequence, place, CLOSE, stop, flight, middle - duration / 2)
-    sequence, place = with_event(sequence, place, opening, stop, flight + 1, middle + duration / 2)
-    mode = sequence.mode.copy()
-    mode[flight + 1, stop] = CLOSED
-    return sequence._replace(mode=mode), place
-
-
-def with_slip(
-    sequence: Sequence, place: ExtendedCycle, k: int, element: int, *, is_behind: bool
-) -> tuple[Sequence, ExtendedCycle]:
-    """Let the grip of friction that event `k` tears off give way of itself, at the same time: behind the event, or before."""
-    slips = sequence.mode[k + 1, element]
-    mode = np.insert(sequence.mode, k + 1, sequence.mode[k + is_behind], axis=0)
-    mode[k + 1, element] = STICKING if is_behind else slips
-    kinds = np.insert(sequence.kind, k + is_behind, SLIP + SECOND * (slips == BEHIND))
-    stops = np.insert(sequence.stop, k + is_behind, element)
-    return Sequence(kinds, stops, mode), place._replace(flights=np.insert(place.flights, k + 1, 0.0))
-
-
-def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
-    """Numbers of an event in all rounds of a cycle that traverses a shorter one several times, see `with_events`."""
-    rounds, _ = how
-    return sorted({(k + j * num_events // rounds) % num_events for j in range(rounds)})
-
-
-def with_events(
-    sequence: Sequence,
-    place: ExtendedCycle,
-    kind: int,
-    stop: int,
-    at: tuple[int, float],
-    how: tuple[int, float],
-) -> tuple[Sequence, ExtendedCycle, int]:
-    """Insert an event by `with_event` in every round of a cycle; also return the number of the first of them.
-
-    `at` is the flight and the time of one of them, `how` the number of rounds, and of forcing periods of all rounds.
-    """
-    (flight, time), (rounds, num_periods) = at, how
-    if rounds == 1:
-        return *with_event(sequence, place, kind, stop, flight, time), flight
-    ends, flights = np.cumsum(place.flights), []
-    for when in sorted((time + j * num_periods / rounds) % num_periods for j in range(rounds))[::-1]:
-        flights.append(int(np.count_nonzero(ends < when)))
-        sequence, place = with_event(sequence, place, kind, stop, flights[-1], when)
-    return sequence, place, flights[-1]
-
-
-def with_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """Insert a stick of zero duration, and its release, after impact `k`."""
-    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
-    sequence, place = with_event(sequence, place, RELEASE, stop, k + 1, time)
-    mode = sequence.mode.copy()
-    mode[k + 1, stop] = True
-    return Sequence(sequence.kind, sequence.stop, mode), place
-
-
-def without_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """Remove release `k` and the stick of zero duration that it ends."""
-    mode = sequence.mode.copy()
-    mode[k] = mode[k + 1]
-    return without_event(Sequence(sequence.kind, sequence.stop, mode), place, k)
+    event = Letter(kind, stop, tuple(map(int, sequence.mode[flight])))
+    return exchanged(sequence, place, [((flight, flight), time, (event,))])
 
 
 def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Remove an event without effect, such as an impact of zero speed."""
-    flights = np.delete(place.flights, k)
-    if k < len(flights):
-        flights[k] += place.flights[k]
-    mode = np.delete(sequence.mode, k + 1, axis=0)
-    return Sequence(np.delete(sequence.kind, k), np.delete(sequence.stop, k), mode), place._replace(
-        flights=flights
-    )
+    return exchanged(sequence, place, [((k, k + 1), 0.0, ())])
+
+
+def with_slip_behind(
+    sequence: Sequence, place: ExtendedCycle, k: int, element: int
+) -> tuple[Sequence, ExtendedCycle]:
+    """Let the grip of friction that event `k` tears off give way of itself, right behind the event."""
+    (event,) = letters_between(sequence, k, k + 1)
+    sticks = (*event.mode[:element], STICKING, *event.mode[element + 1 :])
+    slip = Letter(SLIP + SECOND * (event.mode[element] == BEHIND), element, event.mode)
+    time = float(place.flights[: k + 1].sum())
+    return exchanged(sequence, place, [((k, k + 1), time, (event._replace(mode=sticks), slip))])
 
 
 def with_events_merged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Replace event `k` and the one before, of one element and at one time, by one event, or by none if both cancel."""
-    stop, flights = sequence.stop[k], np.delete(place.flights, k)
-    before, after = sequence.mode[k - 1, stop], sequence.mode[k + 1, stop]
-    if k < len(flights):
-        flights[k] += place.flights[k]
-    kinds = sequence.kind.copy()
-    kinds[k - 1] = STICK if after == STICKING else TURN
-    kind, stops = np.delete(kinds, k), np.delete(sequence.stop, k)
-    merged = Sequence(kind, stops, np.delete(sequence.mode, k, axis=0))
-    merged_place = place._replace(flights=flights)
-    return without_event(merged, merged_place, k - 1) if before == after else (merged, merged_place)
-
-
-def with_other_kind(sequence: Sequence, k: int, kind: int, stop: int) -> Sequence:
-    """Replace event `k` by one of another kind and element after which the same elements hold and slide."""
-    kinds, stops = sequence.kind.copy(), sequence.stop.copy()
-    kinds[k], stops[k] = kind, stop
-    return Sequence(kinds, stops, sequence.mode)
+    (last,) = letters_between(sequence, k, k + 1)
+    before, after = sequence.mode[k - 1, last.stop], last.mode[last.stop]
+    word = () if before == after else (last._replace(kind=STICK if after == STICKING else TURN),)
+    return exchanged(sequence, place, [((k - 1, k + 1), float(place.flights[:k].sum()), word)])
 
 
 def with_order_exchanged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Exchange impact `k` and the one before it, at the same time."""
-    order = np.arange(len(sequence.kind))
-    order[[k - 1, k]] = k, k - 1
-    return Sequence(sequence.kind[order], sequence.stop[order], sequence.mode), place
+    one, other = letters_between(sequence, k - 1, k + 1)
+    word = other._replace(mode=one.mode), one._replace(mode=other.mode)
+    times = np.cumsum(place.flights)
+    return exchanged(
+        sequence, place, [((k - 1, k), times[k - 1], word[:1]), ((k, k + 1), times[k], word[1:])]
+    )
 
 
 def in_a_row(

@@ -104,8 +104,8 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoi
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
-    located = yield from ask(location_on(sequence, place, half))
-    away = np.abs(located.z - place.z).max()
+    z = yield from ask(location_on(sequence, place, half))
+    away = np.abs(z - place.z).max()
     if not away < DOUBLING_APART:
         return None
     num = len(sequence.kind) // 2

@@ -320,6 +320,11 @@ def stops_in_impacts(sequence: Sequence, before: CorrectedCycle, after: Correcte
     return found
 
 
+def is_plastic(sequence: Sequence, seen: CorrectedCycle, test: TestFunction) -> bool:
+    """True if the stop of the event of a test function has zero restitution."""
+    return bool(seen.watched.is_plastic[sequence.stop[test.index]])
+
+
 def num_unstable(seen: CorrectedCycle) -> Any:
     """Number of multipliers outside the unit circle."""
     xp, mu = array_namespace(seen.found.multipliers), seen.found.multipliers

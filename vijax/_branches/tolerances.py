@@ -106,16 +106,13 @@ DOUBLING_SAME, DOUBLING_APART, DOUBLING_AS_ONE = 1e-9, 1e-2, 1e-4
 
 # ---- Behind an event ----
 
-# cycle: lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
-STEP_OFF = 1e-7, 1e-8, 1e-9, 1e-10
-# cycle: the same off a slow impact beside friction: the machine takes one below 1e-6 for the end of a chatter.
-STEP_OFF_LIGHT = 1e-4, 1e-5, 1e-6
-# cycle: lengths at which the machine is simulated where no step leads off.
+# cycle: lengths of the step off a point where the sequence changes; the first that is accepted counts. The machine takes an
+# impact below 1e-6 for the end of a chatter. Share: largest distance from the guess.
+STEP_OFF, STEPS_FROM_GUESS = (1e-6, 1e-7, 1e-5, 1e-4), 5.0
+# cycle: lengths of the step past an impact in which friction stops.
 TRIALS_AHEAD = 1e-6, 1e-5, 1e-4, 1e-3
 # share: distance of the point behind a corner, relative to that of its plane: no branch bends nearer to a right angle.
 CORNER_NEAR = 20.0
-# periods: times by which new impacts at several stops come before their touch, and durations of new contacts.
-EARLIER_IMPACTS, NEW_CONTACTS = (1e-4, 1e-5, 1e-3), (1e-4, 1e-5, 1e-3)
 # share: size of a test function that vanishes with another one, relative to the cycle: where a symmetry makes two events one,
 # both vanish as the square of what tells the cycles apart.
 VANISHES_TOGETHER = 1e-7
@@ -124,12 +121,25 @@ EVENTS_AT_ONCE = 1e-6
 # start: distance behind an event that is no jump. Share of the way to which a larger one is followed back, by halves; largest
 # distance there, relative to that of the plane.
 NO_JUMP, JUMP_NEARER, NEARER = 1e-5, 0.1, 1.5
-# size of the function: negative value of a test function of a cycle that a machine follows, by rounding.
-NEGATIVE = 1e-10
 # periods: shortest flight of a cycle to whose chatters bounces are added: the rest of them is rounding.
 LIGHTEST_FLIGHT = 1e-7
 # none: size of a test function below which a given orbit lies on the event; its least rate, for it does not only touch zero.
 ON_EVENT, FALLING_RATE = 1e-12, 1e-6
+
+# ---- Corners ----
+
+# none: largest residual, not divided by durations, of a word that the motion at a corner solves: those of others begin at 1e-2.
+CORNER_SOLVED = 1e-6
+# start, parameter: distance within which a corrected cycle is the corner.
+SAME_CORNER = 1e-5
+# share: duration between new letters, relative to the step off, of a double root.
+DOUBLE_ROOT = 1e-4
+# periods: negative duration that is rounding, where a symmetry keeps one at zero.
+NO_FLIGHT = 1e-14
+# size of the function, periods: a least value beside a letter of its own element.
+ECHO_VALUE, ECHO_NEAR = 1e-5, 1e-3
+# periods: times between letters of a singular word. Start: largest distance of the cycle there.
+APART, APART_NEAR = (1e-4, 1e-5, 1e-3), 1e-2
 
 # ---- Ends of branches ----
 
@@ -145,9 +155,8 @@ IS_ONE = 1e-10
 AT_CORNER = 1e-6
 # start: distance within which two cycles are the same; within which a cycle has returned to its start.
 SAME_CYCLE, RETURNED = 1e-8, 1e-6
-# start: distance below which a cycle repeats a shorter one at an event, as exactly as events are located; and behind it, where
-# others nearly do.
-SHORTER_AT_EVENT, SHORTER_BEHIND = 1e-8, 1e-11
+# start: distance below which a cycle repeats a shorter one behind an event, where others nearly do.
+SHORTER_BEHIND = 1e-11
 
 # ---- Hops and several impacts that vanish ----
 
@@ -155,10 +164,8 @@ SHORTER_AT_EVENT, SHORTER_BEHIND = 1e-8, 1e-11
 SHORT_HOP, HOP_NEAR = 5e-2, 1e-2
 # periods: duration of a hop below which the time of landing is a double root. Parameter: largest move by its rounding.
 DOUBLE_ROOT_HOP, HOP_MOVED = 1e-4, 1e-6
-# share: speed of impacts that may vanish, relative to the fastest; of those that have at the located grazing.
-LIGHT_IMPACT, VANISHED_IMPACT = 1e-2, 1e-6
-# share: change of the parameter along a tangent below which it is a resonance.
-RESONANT = 1e-6
+# share: speed of impacts that may vanish, relative to the fastest.
+LIGHT_IMPACT = 1e-2
 # cycle: length of the step that estimates the slope of a gap, and largest distance to its zero.
 SLOPE_STEP, ZERO_NEAR = 1e-6, 1e-2
 # speeds of the impacts that vanish: largest distance between the two cycles.

@@ -53,15 +53,6 @@ def excess_of_torn(sequence: Sequence, begins: Moment, guards: Guards) -> Float[
     return jnp.concatenate([jnp.full_like(excess[:1], jnp.inf), excess])
 
 
-def grip_before_torn(
-    sequence: Sequence, begins: Moment, flights: Array, guards: Guards
-) -> Float[Array, "events elements"]:
-    """Force that the grip of friction which an event tears off has left just before it; infinite elsewhere."""
-    earlier, mode = jax.tree.map(lambda a: a[:-1], begins), jnp.asarray(sequence.mode)[:-1]
-    ahead, behind = jnp.split(jax.vmap(guards)(earlier, mode, flights), 2, axis=1)
-    return _share(torn_at(sequence), jnp.minimum(ahead, behind), ahead + behind)
-
-
 def _share(is_torn: Array, force: Array, whole: Array) -> Array:
     return jnp.where(is_torn, force / jnp.where(is_torn & (whole > 0), whole, 1), jnp.inf)
 

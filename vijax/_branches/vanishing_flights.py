@@ -16,6 +16,7 @@ from .kinds import Kind
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, at_parameter, correct_with_free_parameter
 from .requests import Requests
+from .sequence_edits import exchanged, letters_between
 from .test_functions import TestFunction
 from .tolerances import DOUBLE_ROOT_HOP, HOP_MOVED, HOP_NEAR, SHORT_HOP
 
@@ -91,15 +92,10 @@ def _end_of_hop(point: BranchPoint, k: int) -> int | None:
 
 def _held(point: BranchPoint, k: int, last: int) -> tuple[Sequence, ExtendedCycle]:
     """The cycle whose mass is held from the event before `k` on, or throughout if that is a release."""
-    sequence, flights = point.sequence, point.place.flights
-    is_release = int(sequence.kind[k - 1] == RELEASE)
-    gone = np.arange(k - is_release, last + 1)
-    left = np.delete(flights, gone)
-    if last + 1 < len(flights):
-        left[gone[0]] += flights[gone].sum()
-    mode = np.delete(sequence.mode, gone + is_release, axis=0)
-    shorter = Sequence(np.delete(sequence.kind, gone), np.delete(sequence.stop, gone), mode)
-    return shorter, point.place._replace(flights=left)
+    sequence, place = point.sequence, point.place
+    word, mode = letters_between(sequence, k - 1, k), letters_between(sequence, last, last + 1)[0].mode
+    word = () if word[0].kind == RELEASE else (word[0]._replace(mode=mode),)
+    return exchanged(sequence, place, [((k - 1, last + 1), float(place.flights[:k].sum()), word)])
 
 
 def _held_from_the_start(point: BranchPoint, last: int) -> tuple[Sequence, ExtendedCycle]:

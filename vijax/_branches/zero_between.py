@@ -8,8 +8,8 @@ from .bracket import Bracket, next_trial
 from .kernels import CorrectedCycle
 from .point import BranchPoint, End, between, on_plane
 from .requests import Requests
+from .section import in_section
 from .sequence_edits import are_alike
-from .sequence_switching import in_section
 from .tolerances import ZERO
 
 

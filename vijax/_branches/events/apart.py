@@ -1,0 +1,50 @@
+"""Words whose equations are singular at a corner: the cycle with their letters a given time apart.
+
+Impacts that graze at several stops, and a contact that closes and opens, begin at double roots. The sum of the times between
+the new letters is held fixed instead of a tangent; as it shrinks the cycle must come to the corner, else it is of another branch.
+"""
+
+import numpy as np
+
+from ..behind_event import is_joined
+from ..parameter_family import ExtendedCycle
+from ..point import BranchPoint, corrected
+from ..requests import Requests
+from ..tolerances import APART, APART_NEAR
+from .corner import Corner, Trial
+from .following import is_followed_behind, lowest_margin
+
+
+def apart(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
+    """The followed point behind a corner with the letters of a word a given time apart; None if there is none."""
+    if not any(trial.words):
+        return None
+    event, sequence, place = corner.event, trial.sequence, trial.place
+    moves = _moves(corner, trial)
+    for length in APART:
+        guess = place._replace(flights=place.flights + length * np.diff(moves, prepend=0.0))
+        weights = ExtendedCycle(0 * place.z, np.diff(moves, prepend=0.0), 0 * place.p)
+        seen = yield from corrected(sequence, guess, weights, guess.along(weights))
+        if not seen.found.is_converged:
+            continue
+        new = BranchPoint.of(sequence, seen, event.arc)
+        away = new.place.distance_of_starts(event.place)
+        if not (away < APART_NEAR and lowest_margin(new, corner, trial.words) >= 0):
+            continue
+        followed = yield from is_followed_behind(new, corner.num_periods)
+        if followed is None or not (yield from is_joined(event, new)):
+            continue
+        followed = followed._replace(arc=event.arc + away)
+        return followed if new.tangent.along(weights) > 0 else followed.turned()
+    return None
+
+
+def _moves(corner: Corner, trial: Trial) -> np.ndarray:
+    """By how much each event moves as letters part by 1 in all; one that is alone comes earlier."""
+    moves = np.zeros(len(trial.sequence.kind))
+    shift = 0
+    for instant, word in zip(corner.instants, trial.words, strict=True):
+        first, num = instant.first + shift, len(word)
+        moves[first : first + num] = np.arange(num) - (num - 1) / 2 if num > 1 else -1.0
+        shift += num - (instant.last - instant.first)
+    return moves

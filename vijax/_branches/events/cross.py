@@ -1,0 +1,169 @@
+"""Continue a branch behind a corner, on the words of letters that the machine follows there.
+
+At a corner the motion solves the equations of the word before, and of every word behind. A word counts if the cycle on it goes
+off with positive margins and the machine follows it. Its equations are regular there, or singular where new events meet at
+a double root: such words are found with their letters a given time apart, see `apart.py`.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from ..._machine.switching import contacts_of_elements, kinds_of_elements
+from ..._orbits.sequence import SECOND, Sequence
+from ..._system.system import machine_of
+from ..behind_event import corrected_on_sequence, step_off
+from ..kernels import padded
+from ..kinds import Kind
+from ..parameter_family import ParameterFamily
+from ..point import BranchPoint, DirectedBranch, corrected, is_followed
+from ..requests import HostCall, Requests, ask
+from ..sequence_edits import Word
+from ..test_functions import TestFunction, is_plastic, margins, test_slopes
+from ..tolerances import (
+    CORNER_NEAR,
+    CORNER_SOLVED,
+    DOUBLE_ROOT,
+    SAME_CORNER,
+    TRIALS_AHEAD,
+    VANISHES_TOGETHER,
+)
+from .apart import apart
+from .corner import Corner, Instant, Trial, corner_of
+from .following import is_followed_behind, lowest_margin
+from .residuals import ROWS, residuals_of
+from .words import Elements, meaning, words_between
+
+
+def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
+    """The first point of a branch behind a corner; None if no word leads on."""
+    if test.kind == Kind.IN_IMPACT:
+        return None if test.of_flight else (yield from _past_impact(event, test))
+    if test.kind == Kind.CHATTER_COMPLETION and not is_plastic(event.sequence, event.seen, test):
+        return None  # ever more bounces follow: `grazing_cascade.py`
+    # In all rounds of a cycle that traverses a shorter one, in one of them alone, or, by a symmetry, half a cycle later too.
+    for rounds in dict.fromkeys((1, walk.rounds, 2)):
+        corner = corner_of(event, test, rounds, walk.num_periods)
+        point = yield from _point_behind(corner)
+        if point is not None:
+            return point
+    return None
+
+
+def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint | None]:
+    """Continue behind an impact in which friction begins or ceases to stick: the word stays, the branch may go on or come back."""
+    tangent, along = event.tangent, event.place.along(event.tangent)
+    for side in (1, -1):
+        for ds in TRIALS_AHEAD:
+            guess = event.place.moved(tangent, ds)
+            seen = yield from corrected(event.sequence, guess, tangent, along + side * ds)
+            new = BranchPoint.of(event.sequence, seen, event.arc + ds)
+            is_near = seen.found.is_converged and new.place.distance(event.place) < CORNER_NEAR * ds
+            if is_near and test.of(seen) < 0 and (yield from is_followed(new)):
+                return new if side > 0 else new.turned()
+    return None
+
+
+def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
+    """The first point behind a corner, on the first words that lead on."""
+    elements = yield from _elements(corner.event.sequence)
+    choices = [words_between(at.mode, _acting(at, elements), elements, at.word) for at in corner.instants]
+    # Words of one instant are taken in parts whose residuals one call computes, as mostly an early one leads on.
+    words = choices[0]
+    parts = [[words[k : k + ROWS]] for k in range(0, len(words), ROWS)] if len(choices) == 1 else [choices]
+    for part in parts:
+        for trial in _alike((yield from _solved(corner, part))):
+            point = yield from _point_on(corner, corner.with_words(trial))
+            if point is not None:
+                return point
+    return None
+
+
+def _elements(sequence: Sequence) -> Requests[Elements]:
+    """The elements of a machine."""
+
+    def of(family: ParameterFamily) -> Elements:
+        system = machine_of(family.system)
+        return Elements(tuple(kinds_of_elements(system)), tuple(contacts_of_elements(system)))
+
+    return (yield from ask(HostCall(of, sequence)))
+
+
+def _acting(at: Instant, elements: Elements) -> tuple[int, ...]:
+    """Elements of an instant, with friction of their contacts."""
+    return tuple(
+        i for i, contact in enumerate(elements.contacts) if i in at.elements or contact in at.elements
+    )
+
+
+def _alike(choices: list[list[Word]]) -> Iterator[tuple[Word, ...]]:
+    """Choices of one word at each instant, with the same events: of several the same change at all."""
+    first, *others = choices
+    for word in first:
+        alike = ([other for other in words if _events(other) == _events(word)] for words in others)
+        yield from ((word, *rest) for rest in product(*alike))
+
+
+def _events(word: Word) -> tuple[int, ...]:
+    return tuple(letter.kind % SECOND for letter in word)
+
+
+def _solved(corner: Corner, choices: list[list[Word]]) -> Requests[list[list[Word]]]:
+    """The words of each instant whose equations the motion at the corner solves."""
+    before = [at.word for at in corner.instants]
+    trials = [
+        corner.with_words((*before[:k], word, *before[k + 1 :]))
+        for k, words in enumerate(choices)
+        for word in words
+    ]
+    left = yield from residuals_of([(trial.sequence, trial.place) for trial in trials])
+    is_solved = iter(left < CORNER_SOLVED)
+    return [[word for word in words if next(is_solved)] for words in choices]
+
+
+def _point_on(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
+    """The first point behind a corner on some words; None if the machine does not follow them."""
+    if [meaning(word) for word in trial.words] == [meaning(at.word) for at in corner.instants]:
+        return None
+    at = yield from corrected_on_sequence(trial.sequence, trial.place, corner.event)
+    if isinstance(at, BranchPoint) and _is_at_corner(at, trial):
+        for is_ahead in (True, False) if _rises(at) else (False, True):
+            new = yield from step_off(at, is_ahead, partial(_accepted, corner, trial))
+            if new is not None and not _has_double_root(new, at, corner, trial):
+                return new
+    return (yield from apart(corner, trial))
+
+
+def _accepted(corner: Corner, trial: Trial, new: BranchPoint) -> Requests[BranchPoint | None]:
+    """A point behind a corner, if its margins are positive and the machine follows it; else None."""
+    if lowest_margin(new, corner, trial.words) < 0:
+        return None
+    return (yield from is_followed_behind(new, corner.num_periods))
+
+
+def _is_at_corner(at: BranchPoint, trial: Trial) -> bool:
+    away = max(np.abs(at.place.z - trial.place.z).max(), abs(at.place.p - trial.place.p))
+    return bool(away < SAME_CORNER)
+
+
+def _rises(at: BranchPoint) -> bool:
+    """True if the margins that vanish at a corner rise along the tangent."""
+    (sequence,) = padded(at.sequence, (), len(at.seen.found.speeds))
+    values, slopes = margins(sequence, at.seen), test_slopes(sequence, at.seen)
+    own = slopes[np.abs(values) < VANISHES_TOGETHER]
+    return not len(own) or bool(own.min() > -own.max())
+
+
+def _new_durations(corner: Corner, trial: Trial) -> list[int]:
+    """Numbers of the flights between the new events of the one instant of a corner."""
+    if len(corner.instants) > 1:
+        return []
+    return [corner.instants[0].first + k for k in range(1, len(trial.words[0]))]
+
+
+def _has_double_root(new: BranchPoint, at: BranchPoint, corner: Corner, trial: Trial) -> bool:
+    """True if a duration between new events is still zero a step behind a corner."""
+    own = _new_durations(corner, trial)
+    return bool(np.any(np.abs(new.place.flights[own]) < DOUBLE_ROOT * (new.arc - at.arc)))

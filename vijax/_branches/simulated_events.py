@@ -1,0 +1,57 @@
+"""Events of the simulated machine: at a bound where events vanish, and for the last bounces of a chatter."""
+
+import numpy as np
+
+from .._orbits.sequence import NOTHING, Sequence
+from .kernels import SimulatedMotion, padded, trimmed
+from .parameter_family import ExtendedCycle
+from .point import BranchPoint, at_parameter, corrected, is_followed
+from .requests import Requests, ask, simulation_of
+from .tolerances import LIGHTEST_FLIGHT
+
+# Room for new events: an interrupted stick ends in another chatter.
+_MORE = 40, 200
+
+
+def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> Requests[BranchPoint | None]:
+    """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
+    followed = yield from _followed(point.sequence, guess)
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    sequence = trimmed(followed.sequence, num_events)
+    place = guess._replace(flights=followed.flights[:num_events])
+    seen = yield from at_parameter(sequence, place, float(guess.p))
+    if not seen.found.is_converged:
+        return None
+    found = BranchPoint.of(sequence, seen, point.arc)
+    return found if (yield from is_followed(found)) else None
+
+
+def _followed(sequence: Sequence, place: ExtendedCycle) -> Requests[SimulatedMotion]:
+    """Simulate the machine from a cycle, with room for new events: few at first, as a program has that room anyway."""
+    for more in _MORE:
+        longer, wide = padded(sequence, (place,), len(sequence.kind) + more)
+        followed = yield from ask(simulation_of(longer, wide))
+        if np.any(followed.sequence.kind[: len(longer.kind)] == NOTHING):
+            break
+    return followed
+
+
+def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> Requests[BranchPoint]:
+    """The point with as many bounces in its chatters as the machine has there."""
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    is_light = np.min(point.place.flights, initial=np.inf) < LIGHTEST_FLIGHT
+    more = num_events - len(point.sequence.kind)
+    if not followed.is_alike or more == 0 or (is_light and more > 0):
+        return point
+    return (yield from _on_simulated_events(point, followed))
+
+
+def _on_simulated_events(point: BranchPoint, followed: SimulatedMotion) -> Requests[BranchPoint]:
+    """The point with the events of the machine; itself if no cycle near it has them."""
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    sequence = trimmed(followed.sequence, num_events)
+    place = point.place._replace(flights=followed.flights[:num_events])
+    # The weights leave out the flights, whose number changes with the bounces.
+    weights = ExtendedCycle(point.tangent.z, 0 * place.flights, point.tangent.p)
+    seen = yield from corrected(sequence, place, weights, place.along(weights))
+    return BranchPoint.of(sequence, seen, point.arc) if seen.found.is_converged else point
