@@ -152,3 +152,30 @@ def test_a_mass_that_symmetry_keeps_on_its_stop_does_not_delay_the_others(num, r
     # Rounding moves the middle mass, and only that.
     light = np.abs(with_stop.events.velocity_minus[: with_stop.num_events])
     assert light.max(initial=0.0) < EXACT
+
+
+def test_a_load_that_begins_with_no_force_lifts_a_body_off_in_few_steps():
+    """A (1 - cos wt): the gap grows as t^4, and no coefficient below is more than rounding."""
+    lifted = 0.15 * 9 - 0.3 / 0.49 * (1 - np.cos(2.1))
+
+    def end(system: vx.ImpactSystem, x0: list[float]) -> vx.Solution:
+        sol = vx.simulate(system, 0.0, 3.0, x0)
+        assert sol.num_events == 0
+        assert sol.num_steps < 40
+        return sol
+
+    load = vx.Harmonic([-0.3], 0.7, mean=[0.3])
+    cushion = vx.CompliantStop(0, 0.0, "lower", 5.0)
+    alone = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], load, [cushion])
+    np.testing.assert_allclose(end(alone, [0.0]).x1, lifted, rtol=1e-12)
+    # The last of four bodies in touch: friction holds the two in the middle, and one leans on them.
+    row = [vx.Contact({k: 1.0, k + 1: -1.0}, -1.0, 0.5) for k in range(3)]
+    rubbing = [vx.Friction(1, 0.25), vx.Friction(2, 0.2)]
+    load = vx.Harmonic([0.0, 0.0, -0.3, -0.3], 0.7, mean=[0.4, -0.2, 0.0, 0.3])
+    for damping in (0.0, 0.1):
+        bodies = vx.ImpactSystem(
+            [0.5, 1.0, 2.0, 1.0], np.diag([damping, 0, 0, 0]), np.zeros((4, 4)), load, row, friction=rubbing
+        )
+        np.testing.assert_allclose(
+            end(bodies, [0.0, 1.0, 2.0, 3.0]).x1, [0, 1, 2, 3 + lifted], rtol=0, atol=1e-12
+        )

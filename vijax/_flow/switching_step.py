@@ -124,6 +124,8 @@ def _safe_steps(
     steps, is_root = safe_step(bound, limit, nearly)
     # A mass that has just left returns later, never at once: a root at zero is a leading coefficient lost in rounding.
     is_root = is_root & (steps <= nearly) & ((order == 0) | (steps > 0))
+    # To order 3 only one coefficient is known: a root close by is that of the remainder's bound, where the guard has none.
+    is_root = is_root & (order < 3)
     # With a leading coefficient lost in rounding the bound allows no step, although the motion does.
     return jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit))), is_root
 
