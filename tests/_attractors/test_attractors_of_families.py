@@ -33,7 +33,7 @@ def test_basins_and_their_integrity(family):
     assert chances[0].equals(chances[1])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_attractors_along_a_value_that_moves_load_and_frequency(family):
     speeds = np.array([0.72, 0.74, 0.76])
     own = vx.follow_attractors(family, "frequency", speeds, 16, **FEW)

@@ -206,6 +206,7 @@ def test_second_derivatives_are_those_of_first_ones():
     assert float(second) == pytest.approx(float(difference), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "kind", "numbers", "sentence"),
     [

@@ -24,7 +24,7 @@ def friction() -> vx.ImpactSystem:
     return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [], friction=[vx.Friction(0, 0.3)])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", [stops, friction], ids=lambda machine: machine.__name__)
 def test_rates_are_the_derivatives_of_a_traversal(machine):
     system = machine()

@@ -66,7 +66,7 @@ def distance_to(curve, points):
     return np.linalg.norm(points[:, None] - begin - share[..., None] * chord, axis=2).min(axis=1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_unstable_manifold_is_invariant_and_resolved(saddle, curves):
     forward = StateMap.of_orbit(saddle, 1)
     for side in (1, -1):

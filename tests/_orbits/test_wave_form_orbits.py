@@ -28,7 +28,7 @@ def orbit() -> vx.PeriodicOrbit:
     return vx.periodic_orbit(system, sol.x1, sol.v1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_orbit_closes_and_has_the_multipliers_of_the_map(orbit):
     system = orbit.system
     x, v = vx.stroboscopic_map(system, orbit.x0, orbit.v0)

@@ -129,7 +129,7 @@ def test_frequencies_down_to_zero_and_times_at_the_ends_of_periods():
     np.testing.assert_array_equal(ds.num_impacts[1], counted.num_impacts[0])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_records_of_a_family_are_swept_by_their_index():
     ds = sweep(vx.Family(shaken, index=0), {INDEX: np.arange(5)}, quantities=["max_position"])
     assert assert_runs(ds, lambda point: vx.system_of(point, family=shaken)) > 40

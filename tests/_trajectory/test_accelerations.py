@@ -43,6 +43,7 @@ SHORT = {"stops", "steps of the load"}
 CASES = [pytest.param(name, marks=() if name in SHORT else pytest.mark.thorough) for name in MACHINES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_accelerations_are_slopes_of_velocities(name):
     system = MACHINES[name]

@@ -77,7 +77,7 @@ def test_the_loop_has_the_area_of_the_closed_form():
     assert np.abs(force).max() <= 0.5
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_closed_form():
     def end(limit, slider):
         element = vx.Jenkins(0, 2.0, limit, slider)

@@ -67,6 +67,7 @@ def failing(function):
     return with_explained_errors(fail, "vijax")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("where", "name", "wrong"), CASES, ids=lambda one: one if isinstance(one, str) else ""
 )
