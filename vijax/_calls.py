@@ -50,9 +50,7 @@ def with_explained_errors(public: Any, module: str) -> Any:
         try:
             return public(*args, **named)
         except (TypeError, AttributeError, LookupError, ValueError) as error:
-            is_sentence = isinstance(error, ValueError) and "`" in str(
-                error
-            )  # names stand between such signs
+            is_sentence = isinstance(error, ValueError) and "`" in str(error)  # in which a name stands
             sentence = None if is_sentence else _first_wrong(public, args, named)
             if sentence is None:
                 raise

@@ -89,7 +89,7 @@ def _clouds(motions: MotionLike | Mapping[str, MotionLike], stop: int | None) ->
     is_one = isinstance(motions, MotionLike)
     if not is_one and not isinstance(motions, Mapping):
         raise ValueError(
-            "The motion to draw must be a trajectory, a periodic orbit or a sweep, or several by their names in a dict, but is a "
+            "Argument `sol_or_ds` must be a trajectory, a periodic orbit or a sweep, or several by their names in a dict, but is a "
             f"{type(motions).__name__}."
         )
     named = {"": motions} if is_one else dict(motions)
