@@ -19,6 +19,7 @@ def _free(masses, mean, stops, friction) -> vx.ImpactSystem:
     return vx.ImpactSystem(masses, nothing, nothing, load, stops, friction=friction)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("statics", [(None, None), (1.5, 2.0)])
 def test_elements_side_by_side_are_their_sum(statics):
     first, second = statics

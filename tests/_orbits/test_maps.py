@@ -79,6 +79,7 @@ def seen_in_flight(name: str) -> SeenInFlight:
     return SeenInFlight(shifted_system, sol.x1, sol.v1, matrix)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ORBITS)
 def test_the_monodromy_matrix_of_a_known_orbit_is_the_exact_one(name):
     orbit, seen = ORBITS[name], seen_in_flight(name)

@@ -196,6 +196,7 @@ def test_a_ball_on_a_moving_table_repeats_as_known():
     np.testing.assert_allclose(np.prod(orbit.multipliers).real, 0.8**2, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_without_impacts_it_is_the_response_to_the_load():
     system = one_mass(0.5, 0.3, damping=0.1, restitution=0.8)
     orbit = vx.periodic_orbit(system, [0.3], [0.1], max_events=ROOM)

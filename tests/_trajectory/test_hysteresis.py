@@ -27,6 +27,7 @@ def _log(sol: vx.Solution) -> list[tuple[float, int, int]]:
     )
 
 
+@pytest.mark.thorough
 def test_a_released_mass_sticks_slips_and_sticks_at_the_times_of_the_closed_form():
     # Stretched by its largest stretch .25 and released: x = 7/6 + 5/6 cos(sqrt(3) t) until the stretch is -.25.
     sol = vx.simulate(_mass_on(vx.Jenkins(0, 2.0, 0.5, slider=1.75)), 0.0, 3.0, [2.0], [0.0])
