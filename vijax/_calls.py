@@ -34,7 +34,7 @@ _LONGEST = 1000
 
 
 class _Kind(NamedTuple):
-    """What an argument may be: whether a value is of this kind, and the kind in words, as "a number"."""
+    """Kind of arguments: whether a value is of it, and its words, as "a number"."""
 
     accepts: Callable[[Any], bool]
     words: str

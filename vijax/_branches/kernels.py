@@ -200,7 +200,7 @@ def _with_rates(
 
 
 class Begun(NamedTuple):
-    """A run of the machine that is asked for.
+    """Start and length of a run.
 
     Attributes:
         start: its start in space, (2 n,).

@@ -29,7 +29,7 @@ from .parameter_family import ExtendedCycle, ParameterFamily
 
 
 class RunSeen(NamedTuple):
-    """What is read of a run: codes and times of its instants, flags of what holds, the number of rows, its success."""
+    """Readings of a run: codes and times of its instants, flags of what holds, the number of rows, its success."""
 
     codes: Any
     times: Any

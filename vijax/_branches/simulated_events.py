@@ -16,14 +16,18 @@ _MORE = 40, 200
 def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> Requests[BranchPoint | None]:
     """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
     followed = yield from _followed(point.sequence, guess)
-    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
-    sequence = trimmed(followed.sequence, num_events)
-    place = guess._replace(flights=followed.flights[:num_events])
+    sequence, place = _on_events_of(followed, guess)
     seen = yield from at_parameter(sequence, place, float(guess.p))
     if not seen.found.is_converged:
         return None
     found = BranchPoint.of(sequence, seen, point.arc)
     return found if (yield from is_followed(found)) else None
+
+
+def _on_events_of(followed: SimulatedMotion, place: ExtendedCycle) -> tuple[Sequence, ExtendedCycle]:
+    """A cycle with the events of a simulated motion."""
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    return trimmed(followed.sequence, num_events), place._replace(flights=followed.flights[:num_events])
 
 
 def _followed(sequence: Sequence, place: ExtendedCycle) -> Requests[SimulatedMotion]:
@@ -48,9 +52,7 @@ def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> Req
 
 def _on_simulated_events(point: BranchPoint, followed: SimulatedMotion) -> Requests[BranchPoint]:
     """The point with the events of the machine; itself if no cycle near it has them."""
-    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
-    sequence = trimmed(followed.sequence, num_events)
-    place = point.place._replace(flights=followed.flights[:num_events])
+    sequence, place = _on_events_of(followed, point.place)
     # The weights leave out the flights, whose number changes with the bounces.
     weights = ExtendedCycle(point.tangent.z, 0 * place.flights, point.tangent.p)
     seen = yield from corrected(sequence, place, weights, place.along(weights))

@@ -358,10 +358,8 @@ def _band(system: AnySystem, path: str, bounds: tuple[float, float]) -> tuple[fl
 
 def points_of(starts: list[Start], families: list[ParameterFamily]) -> list[BranchPoint | None]:
     """Points at which the branches begin; None for a start that is no orbit of its machine, or not isolated."""
-    tasks, which = (
-        [],
-        [k for k, start in enumerate(starts) if _surplus(start, families[k]) <= families[k].num_sliders],
-    )
+    which = [k for k, start in enumerate(starts) if _surplus(start, families[k]) <= families[k].num_sliders]
+    tasks = []
     rooms: dict[tuple[int, tuple[int, ...]], Sequence] = {}
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many

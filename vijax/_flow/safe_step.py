@@ -89,9 +89,8 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     trial, step, is_root = limit, limit, jnp.zeros(jnp.shape(limit), bool)
     # A bound that falls by its remainder alone shows no event: a mass leaving with a jerk would seem to return.
     least = jnp.where(8 * bound.rest * short < -bound.a2, short, 0)
-    if (
-        bound.later is not None
-    ):  # one that rises shows none before its remainder takes the second coefficient away
+    if bound.later is not None:
+        # One that rises shows none before its remainder takes the second coefficient away.
         root = jnp.sqrt(bound.rest * bound.rest + 4 * bound.later * jnp.maximum(bound.a2, 0))
         least = jnp.where(bound.a2 > 0, 2 * bound.a2 / jnp.maximum(bound.rest + root, tiny), least)
     for _ in range(2):  # the second step is never shorter than the first: its bound is tighter

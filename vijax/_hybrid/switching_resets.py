@@ -173,7 +173,7 @@ def _switch(
     at_limit = jnp.zeros_like(hit)
     if COMPLIANT in contacts.laws.kinds:
         state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
-    struck = _Struck(speed, is_struck, is_set_off, stays)
+    struck = _Struck(speed, is_struck, stays)
     state, arrives, events, size = _friction_switched(machine, before, state, events, struck, is_now, sticks)
 
     chatter, none = no_chatter(state), jnp.zeros_like(hit)
@@ -226,13 +226,11 @@ class _Struck(NamedTuple):
     Attributes:
         speed: speeds of approach and sliding velocities, (contacts,).
         flags: flags of the elements whose speed the impacts change, (contacts,).
-        is_set_off: flags of those among them that were at rest.
         stays: flags of the elements that stay at rest.
     """
 
     speed: Float[Array, "contacts ..."]
     flags: Bool[Array, "contacts ..."]
-    is_set_off: Bool[Array, "contacts ..."]
     stays: Bool[Array, "contacts ..."]
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 
 class _PutOff:
-    """How many threads put it off now, and whether it was on before the first of them."""
+    """Number of threads that put it off now, and whether it was on before the first of them."""
 
     def __init__(self):
         self.lock = threading.Lock()

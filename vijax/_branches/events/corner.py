@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._orbits.sequence import Sequence
+from ..kinds import Kind
 from ..parameter_family import ExtendedCycle
 from ..point import BranchPoint
 from ..sequence_edits import Word, exchanged, letters_between
@@ -113,7 +114,7 @@ def _place_of(test: TestFunction, event: BranchPoint) -> tuple[float, int]:
 
 def _size_of(test: TestFunction, event: BranchPoint) -> float:
     """Size of a margin: gaps and speeds have that of the motion."""
-    if test.of_flight or test.kind not in ("touch", "gr"):
+    if test.of_flight or test.kind not in (Kind.TOUCH, Kind.GRAZING):
         return 1.0
     positions, velocities = np.split(np.abs(event.seen.start), 2)
-    return float((positions if test.kind == "touch" else velocities).max())
+    return float((positions if test.kind == Kind.TOUCH else velocities).max())

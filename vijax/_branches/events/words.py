@@ -113,7 +113,7 @@ def _modes_behind(own: int, event: int, after: int, kind: int, is_tied: bool) ->
 
 
 def meaning(word: Word) -> tuple:
-    """What a machine does on a word: a contact that pushes no more is left without an event."""
+    """Motion of a machine on a word, which leaves a contact that pushes no more without an event."""
     return tuple(
         (kind, stop, tuple(FREE if own == INSIDE else own for own in mode))
         for kind, stop, mode in word
