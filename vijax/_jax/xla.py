@@ -134,8 +134,12 @@ def _quick_options() -> dict | None:
 
 
 def options_for_lanes() -> dict | None:
-    """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly."""
-    return _known_of(_LIGHTLY | {"xla_cpu_prefer_vector_width": 512})
+    """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly.
+
+    From JAX 0.12 on XLA would make one kernel of the parts that `in_parts` has made, which takes twice as long.
+    """
+    passes = {_PASSES: f"{_FOR_SUMS[_PASSES]},small-while-loop-hoisting"}
+    return _known_of(_LIGHTLY | passes | {"xla_cpu_prefer_vector_width": 512})
 
 
 def are_sums_in_kernels() -> bool:
