@@ -22,7 +22,7 @@ from .._flow.interface import AbstractFlow, Flight
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
-from .._jax.xla import AbstractTask, compute_once, in_one_kernel, is_any, not_constant, while_any
+from .._jax.xla import AbstractTask, compute_once, in_one_kernel, in_parts, is_any, not_constant, while_any
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -258,10 +258,11 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
     """
     recorder = _Recorder(stop_gradients(task))
     begun = _blank_recording(stop_gradients(carry))
-    call = compute_once
+    call = record = compute_once
     if in_kernel:
         recorder, begun = not_constant((recorder, begun))
-        call = _in_kernel
+        # The step of a machine whose forces switch is too large for one kernel to compile soon.
+        call, record = _in_kernel, in_parts if task.machine.contacts.is_switching else _in_kernel
     first = Repetition(
         carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
     )
@@ -269,7 +270,7 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
-        recording = call(_record_on, recorder, recording)
+        recording = record(_record_on, recorder, recording)
         repeated = _repeat_all(task, repeated, recording.record, recording.rows, call)
         return recording, repeated, is_any(recorder.task.goes_on(recording))
 
