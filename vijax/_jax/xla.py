@@ -27,6 +27,7 @@ from jaxtyping import Array, Bool, PyTree
 from .concrete import is_staged, is_traced
 from .programs import Programs
 from .traced import CACHE_SIZE
+from .whole_part import whole_part
 
 try:
     from jax.experimental.xla_metadata import set_xla_metadata
@@ -234,7 +235,7 @@ def _own_kernel(function: Callable, args: tuple):
         own = [k for k, v in enumerate(variables) if v in read and isinstance(values[k], jax.Array)]
 
         def kernel(*few: Array) -> tuple[Array, ...]:
-            """Results that are no arguments, and what may not be read in the end: a kernel must hand it back."""
+            """Results that are no arguments."""
             all_ = [
                 jnp.zeros(v.aval.shape, v.aval.dtype) if isinstance(a, jax.Array) else a
                 for v, a in zip(variables, values, strict=True)
@@ -242,10 +243,10 @@ def _own_kernel(function: Callable, args: tuple):
             for k, a in zip(own, few, strict=True):
                 all_[k] = a
             found = eval_jaxpr(jaxpr, all_[:num_enclosed], *all_[num_enclosed:])
-            return (*(a for a, k in zip(found, given, strict=True) if k is None), *few)
+            return tuple(a for a, k in zip(found, given, strict=True) if k is None)
 
         few = [values[k] for k in own]
-        found = iter(in_one_kernel(kernel, *few) if few and None in given else kernel(*few))
+        found = iter(whole_part(kernel, few, in_one_kernel) if few and None in given else kernel(*few))
     finally:
         _parts.are_kernels = before
     results = [next(found) if k is None else values[k] for k in given]
