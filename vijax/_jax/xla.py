@@ -76,6 +76,8 @@ _FOR_SUMS = {
 # Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
 # generator (before JAX 0.11) it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
 _LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4, **_FOR_SUMS}
+# Options for programs in which `in_parts` makes kernels: from JAX 0.12 on XLA would make one of the loop around them.
+_OF_PARTS = {**_LIGHTLY, _PASSES: f"{_FOR_SUMS[_PASSES]},small-while-loop-hoisting"}
 # Options for programs of thousands of operations that run some hundred times for a millisecond. LLVM's passes are most of
 # the compilation, and such programs have few loops that gain by them.
 _QUICKLY = {"xla_backend_optimization_level": 0, **_LIGHTLY}
@@ -134,13 +136,13 @@ def _quick_options() -> dict | None:
     return _known_of(_QUICKLY)
 
 
-def options_for_lanes() -> dict | None:
-    """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly.
+def _options_of_parts() -> dict | None:
+    return _known_of(_OF_PARTS)
 
-    From JAX 0.12 on XLA would make one kernel of the parts that `in_parts` has made, which takes twice as long.
-    """
-    passes = {_PASSES: f"{_FOR_SUMS[_PASSES]},small-while-loop-hoisting"}
-    return _known_of(_LIGHTLY | passes | {"xla_cpu_prefer_vector_width": 512})
+
+def options_for_lanes() -> dict | None:
+    """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly."""
+    return _known_of(_OF_PARTS | {"xla_cpu_prefer_vector_width": 512})
 
 
 def are_sums_in_kernels() -> bool:
@@ -418,7 +420,7 @@ def differentiable(function: Callable, tree: Any, **derivatives: Any) -> Any:
         return _plainly_differentiable(function, derivatives.get("smooth"), tree)
     if jax.default_backend() != "cpu":
         derivatives = derivatives | {"many": None, "smooth_many": None}
-    return with_derivatives(function, tree, compiled=jit_lightly, **derivatives)
+    return with_derivatives(function, tree, compiled=_jit_of_parts, **derivatives)
 
 
 def jit_lightly(function: Callable, name: Any = None) -> Callable:
@@ -429,6 +431,11 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
         name: names all that a local function depends on, so that its programs can be stored, see `Programs`.
     """
     return wraps(function)(Programs(function, _options, name=name, static_numbers=False))
+
+
+def _jit_of_parts(function: Callable) -> Callable:
+    """`jit_lightly` for functions that may call `in_parts`."""
+    return wraps(function)(Programs(function, _options_of_parts, static_numbers=False))
 
 
 def jit_quickly(function: Callable, name: Any = None) -> Callable:

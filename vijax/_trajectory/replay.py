@@ -258,11 +258,11 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
     """
     recorder = _Recorder(stop_gradients(task))
     begun = _blank_recording(stop_gradients(carry))
-    call = record = compute_once
+    call = compute_once
     if in_kernel:
         recorder, begun = not_constant((recorder, begun))
         # The step of a machine whose forces switch is too large for one kernel to compile soon.
-        call = record = in_parts if task.machine.contacts.is_switching else _in_kernel
+        call = in_parts if task.machine.contacts.is_switching else _in_kernel
     first = Repetition(
         carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
     )
@@ -270,7 +270,7 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
-        recording = record(_record_on, recorder, recording)
+        recording = call(_record_on, recorder, recording)
         repeated = _repeat_all(task, repeated, recording.record, recording.rows, call)
         return recording, repeated, is_any(recorder.task.goes_on(recording))
 

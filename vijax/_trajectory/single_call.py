@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, UNROLLED_ALONE
-from .._jax.xla import AbstractTask, differentiable, in_lanes_of, not_constant, while_any
+from .._jax.xla import AbstractTask, differentiable, in_lanes_of, in_parts, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
@@ -53,8 +53,14 @@ def _end_of(solution: Solution) -> tuple:
 
 def _run_whole(whole: _Whole) -> Solution:
     machine, flow, request, choices = whole
-    task, carry = prepare_loop(_in_numbers(machine), flow, request, choices)
-    return finish(task, while_any(task, carry), request, choices)
+    numbers = _in_numbers(machine)
+    prepared = prepare_loop(numbers, flow, request, choices)
+    in_kernel = steps_fit_one_kernel(numbers, flow, UNROLLED_ALONE)
+    if in_kernel and prepared[0].machine.contacts.is_switching:
+        # A step with switches of forces is too large for one kernel to compile soon.
+        task, carry = not_constant(prepared)
+        return finish(task, in_parts(while_any, task, carry), request, choices)
+    return finish(*run_prepared(*prepared, in_kernel=in_kernel), request, choices)
 
 
 def _repeat_whole(whole: _Whole, wanted: Solution) -> Solution:
