@@ -7,8 +7,6 @@ turned around. Without a symmetry of the machine such points are exceptions, so 
 searched for them, at the price of a branch point at each of their folds.
 """
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._orbits.sequence import Sequence
@@ -27,9 +25,8 @@ def _is_symmetric(point: BranchPoint) -> Requests[bool]:
     """True if the machine has symmetries at the parameter of a point."""
 
     def has_any(family: ParameterFamily) -> bool:
-        whole, value = jax.tree.map(jnp.asarray, (family.system, point.place.p * family.span))
         try:
-            return bool(machine_at(whole, family.path, value).symmetries())
+            return bool(machine_at(family.system, family.path, point.place.p * family.span).symmetries())
         except ValueError:  # there are too many to list, or the force is unknown
             return True
 
