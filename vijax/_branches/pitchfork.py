@@ -10,7 +10,7 @@ searched for them, at the price of a branch point at each of their folds.
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .._system.parameters import machine_at
+from .._system.parameters import known_machine_at
 from .closing import repetitions_of
 from .kernels import curvature, jacobian, slope
 from .kinds import Kind
@@ -26,7 +26,8 @@ def _is_symmetric(point: BranchPoint) -> Requests[bool]:
 
     def has_any(family: ParameterFamily) -> bool:
         try:
-            return bool(machine_at(family.system, family.path, point.place.p * family.span).symmetries())
+            machine = known_machine_at(family.system, family.path, point.place.p * family.span)
+            return bool(machine.symmetries())
         except ValueError:  # there are too many to list, or the force is unknown
             return True
 
