@@ -107,7 +107,7 @@ def is_sound(path: str) -> bool:
 
 def test_the_machine_at_a_known_value_is_the_one_that_is_checked():
     machine = MACHINES["moving stops"]
-    for path in ("forcing.frequency", "stops[*].restitution", "stiffness[1,0]"):
+    for path in ("forcing.frequency", "stops[*].restitution", "stiffness[1][0]"):
         one, other = (at(machine, path, 0.7) for at in (known_machine_at, machine_at))
         assert eqx.tree_equal(*(jax.tree.map(np.asarray, a) for a in (one, other)), typematch=True)
 
