@@ -42,7 +42,10 @@ def _ratio(values: Any, of: Any) -> Any:
     xp = array_namespace(values, of)
     with np.errstate(invalid="ignore"):
         parts = values / (1 + xp.abs(of))
-    return xp.prod(xp.where(xp.isfinite(parts), parts, xp.sign(of.real)), axis=-1).real
+    is_finite = xp.isfinite(parts)
+    if xp is not np or not is_finite.all():
+        parts = xp.where(is_finite, parts, xp.sign(of.real))
+    return xp.prod(parts, axis=-1).real
 
 
 def of_doubling(mu: Multipliers) -> Any:
