@@ -14,6 +14,8 @@ from vijax._system.parameters import (
     axis_names,
     get_parameter,
     is_parameter,
+    known_machine_at,
+    machine_at,
     parameter_names,
     set_parameter,
 )
@@ -101,6 +103,13 @@ def test_every_leaf_is_set_alone_and_is_what_a_sweep_sets(name):
 def is_sound(path: str) -> bool:
     """False for a start: sweeps also check that it is not beyond a stop."""
     return path not in ("x0", "v0")
+
+
+def test_the_machine_at_a_known_value_is_the_one_that_is_checked():
+    machine = MACHINES["moving stops"]
+    for path in ("forcing.frequency", "stops[*].restitution", "stiffness[1][0]"):
+        one, other = (at(machine, path, 0.7) for at in (known_machine_at, machine_at))
+        assert eqx.tree_equal(*(jax.tree.map(np.asarray, a) for a in (one, other)), typematch=True)
 
 
 def test_the_names_are_those_that_users_write():

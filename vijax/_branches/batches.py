@@ -65,20 +65,21 @@ SINGLES, RUNS_BEHIND, BATCHES = Form(1, 16, ROOM_OF_SIMULATION), Form(1, 16, Non
 
 def stacked(trees: list) -> Any:
     """Trees stacked along a first axis."""
-    return jax.tree.map(lambda *a: np.stack(a), *trees)
+    return jax.tree.map(lambda *a: np.array(a), *trees)
 
 
-def call(program: Callable, stock: Stock, tasks: Many[int], rows: Any) -> dict[int, Any]:
-    """Results of a kernel for some tasks and the rows of its other arguments, computed batch by batch."""
-    size = stock.form(len(tasks)).size
+def call(
+    program: Callable, stock: Stock, tasks: Many[int], rows: Any, form: Form | None = None
+) -> dict[int, Any]:
+    """Results of a kernel for some tasks and the rows of its other arguments, computed batch by batch, in a form."""
+    size = (form or stock.form(len(tasks))).size
     run = compiled(program, size)
     return answers(tasks, in_parts(run, size, stock.of(tasks), pack(rows, has_rows=True))[0])
 
 
 def answers(tasks: Many[int], found: Packed) -> dict[int, Any]:
     """Results of a kernel, one for each task."""
-    leaves, structure = jax.tree.flatten(found.unpacked())
-    return {task: jax.tree.unflatten(structure, [leaf[k] for leaf in leaves]) for k, task in enumerate(tasks)}
+    return dict(zip(tasks, found.each_unpacked(), strict=True))
 
 
 def in_parts(run: Callable, size: int, *arguments: Any) -> tuple[Packed, ...]:

@@ -284,13 +284,13 @@ def _follow(
 ) -> None:
     """Follow branches from their starts."""
     tasks = [follow_branch(walk, start) for walk, start in zip(walks, starts, strict=True)]
-    num_told = 0
+    num_told, points = 0, [walk.points for walk in walks]
 
     def tell() -> None:
         nonlocal num_told
         for watch in watches:
             watch.update()
-        new = sum(len(walk.points) for walk in walks) - num_told
+        new = sum(map(len, points)) - num_told
         num_told += new
         budget.points -= new
         budget.is_spent = budget.points <= 0

@@ -1,6 +1,7 @@
 """Location of the zeros of test functions on a step along a branch."""
 
 from functools import partial
+from itertools import compress
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from .test_functions import (
     kind_at,
     num_on_circle,
     num_unstable,
+    of_neighbours,
 )
 from .tolerances import AT_BIFURCATION, JUST_BEFORE, LARGE_MULTIPLIER, SQUARE_ZERO, ZERO
 
@@ -115,10 +117,9 @@ def special_points(
     """Bifurcations on a step, in order, and whether the number of unstable multipliers implies no more of them."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
-    for test in TESTS_OF_NEIGHBOURS:
+    crossed = is_crossed(of_neighbours(point.seen), of_neighbours(new.seen))
+    for test in compress(TESTS_OF_NEIGHBOURS, crossed):
         if test.kind in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT) and is_infinite:
-            continue
-        if not is_crossed(test.of(point.seen), test.of(new.seen)):
             continue
         if test.kind == Kind.BRANCH_POINT and any(at.kind in _WITH_CROSSING for at in found):
             continue

@@ -15,7 +15,7 @@ from .._trajectory.instant_codes import instants_of
 from .._trajectory.loop import LoopArguments
 from .._trajectory.one_call import EVENTS, KnownMachine
 from .._trajectory.solution import RESULTS
-from .batches import BATCHES, RUNS_BEHIND, Stock, call, compiled, in_parts, stacked
+from .batches import BATCHES, RUNS_BEHIND, Form, Stock, call, compiled, in_parts, stacked
 from .kernels import (
     Begun,
     Run,
@@ -43,10 +43,13 @@ _SUCCESS = np.asarray(RESULTS.successful._value)
 _ROWS = RUNS_BEHIND.tries
 
 
-def simulated(stock: Stock, tasks: Many[int], rows: list) -> dict[int, SimulatedMotion]:
-    """Answers to requests for simulations, each a row of the arguments of `simulate_motion`."""
-    if stock.form(len(tasks)) is BATCHES:
-        return call(simulate_motion, stock, tasks, stacked(rows))
+def simulated(
+    stock: Stock, tasks: Many[int], rows: list, form: Form | None = None
+) -> dict[int, SimulatedMotion]:
+    """Answers to requests for simulations, each a row of the arguments of `simulate_motion`, by kernels of a form."""
+    form = form or stock.form(len(tasks))
+    if form is BATCHES:
+        return call(simulate_motion, stock, tasks, stacked(rows), form)
     runs = call(run_from, stock, tasks, stacked(rows))
     found = {}
     for task, (sequence, place, _) in zip(tasks, rows, strict=True):

@@ -7,12 +7,10 @@ turned around. Without a symmetry of the machine such points are exceptions, so 
 searched for them, at the price of a branch point at each of their folds.
 """
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .._system.parameters import machine_at
+from .._system.parameters import known_machine_at
 from .closing import repetitions_of
 from .kernels import curvature, jacobian, slope
 from .kinds import Kind
@@ -27,9 +25,9 @@ def _is_symmetric(point: BranchPoint) -> Requests[bool]:
     """True if the machine has symmetries at the parameter of a point."""
 
     def has_any(family: ParameterFamily) -> bool:
-        whole, value = jax.tree.map(jnp.asarray, (family.system, point.place.p * family.span))
         try:
-            return bool(machine_at(whole, family.path, value).symmetries())
+            machine = known_machine_at(family.system, family.path, point.place.p * family.span)
+            return bool(machine.symmetries())
         except ValueError:  # there are too many to list, or the force is unknown
             return True
 

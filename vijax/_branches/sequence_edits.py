@@ -41,21 +41,18 @@ def exchanged(
     sequence: Sequence, place: ExtendedCycle, changes: list[tuple[tuple[int, int], float, Word]]
 ) -> tuple[Sequence, ExtendedCycle]:
     """The cycle with other letters at some instants: for each the events from first to last, its time, and the new word."""
-    times = np.cumsum(place.flights)
-    letters: list[Letter] = []
-    when: list[float] = []
-    begin = 0
+    times, begin = np.cumsum(place.flights), 0
+    kinds, stops, modes, when = [], [], [sequence.mode[:1]], [np.zeros(1)]
     for (first, last), time, word in [*changes, ((len(times), len(times)), 0.0, ())]:
-        letters += [*letters_between(sequence, begin, first), *word]
-        when += [*times[begin:first], *[time] * len(word)]
+        kept = slice(begin, first)
+        kinds += [sequence.kind[kept], [letter.kind for letter in word]]
+        stops += [sequence.stop[kept], [letter.stop for letter in word]]
+        modes += [sequence.mode[1:][kept], *([letter.mode] for letter in word)]
+        when += [times[kept], [time] * len(word)]
         begin = last
-    modes = np.array([tuple(map(int, sequence.mode[0])), *(letter.mode for letter in letters)])
-    new = Sequence(
-        np.array([letter.kind for letter in letters], sequence.kind.dtype),
-        np.array([letter.stop for letter in letters], sequence.stop.dtype),
-        modes.astype(sequence.mode.dtype),
-    )
-    return new, place._replace(flights=np.diff(np.array(when), prepend=0.0))
+    whole = zip(sequence, (kinds, stops, modes), strict=True)
+    new = Sequence(*(np.concatenate(parts, dtype=old.dtype, casting="unsafe") for old, parts in whole))
+    return new, place._replace(flights=np.diff(np.concatenate(when)))
 
 
 def with_event(

@@ -391,7 +391,8 @@ def _surplus(start: Start, family: ParameterFamily) -> int:
 
 def _num_pinned(point: BranchPoint, family: ParameterFamily) -> int:
     """Number of Jenkins elements that stick all along: Newton's method keeps their sliders, see `slider_pin`."""
-    return int(np.count_nonzero(sticks_all_along(point.sequence, family.num_sliders)))
+    num = family.num_sliders
+    return int(np.count_nonzero(sticks_all_along(point.sequence, num))) if num else 0
 
 
 def refuse_start(number: int, start: Start, family: ParameterFamily) -> None:

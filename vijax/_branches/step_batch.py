@@ -1,32 +1,62 @@
-"""Steps of many branches in one batch: their requests as rows of arrays, and the points of the steps that were taken."""
+"""Steps of many branches in one batch, and the points of the steps that were taken.
 
-from functools import partial
+The state of a batch is arrays with a branch axis, see `request_rows.py`, and so are the results of a call. Python looks
+only at branches that are answered, those that meet something or need no more: their rows are cut at once.
+"""
+
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._jax.packing import Packed, pack
-from .._orbits.sequence import Sequence
-from .batches import SINGLES, Stock, compiled_steps, in_parts, joined, stacked
+from .._jax.packing import Packed
+from .batches import SINGLES, Form, Stock, compiled_steps, in_parts
 from .followed_steps import followed
-from .kernels import (
-    CorrectedCycle,
-    SimulatedMotion,
-    corrected_cycle,
-    padded,
-    padded_for_run,
-    simulate_motion,
-)
+from .kernels import SimulatedMotion, corrected_cycle, padded_for_run, simulate_motion
 from .motions import simulated
-from .parameter_family import ExtendedCycle
 from .point import BranchPoint, PlainPoint
+from .request_rows import Rows, joined_rows, rows_of_parts, rows_of_steps
 from .requests import KernelCall
-from .step_kernel import Stepped, StepRequest, blank_cycle
-from .steps import PlainSteps, StepLimits, Tried
+from .step_kernel import Stepped
+from .steps import PlainSteps, Tried
 from .tolerances import SHORTEST_STEP
 
 # Kernels of which `take_steps` consists.
 PARTS = corrected_cycle, simulate_motion
+
+
+class _Part(NamedTuple):
+    """A request for one part of a step, and its task."""
+
+    task: int
+    request: KernelCall
+
+
+class _Stepper:
+    """A branch that steps.
+
+    Attributes:
+        task: number of its task.
+        request: the request.
+        point: the point from which it steps.
+    """
+
+    def __init__(self, task: int, request: PlainSteps):
+        self.task, self.request = task, request
+        self.point: BranchPoint | PlainPoint = request.point
+
+    def most_steps(self, form: Form, num: int) -> int:
+        """Most plain steps that it may take now, beside a number of others."""
+        if self.request.is_trial:
+            return 0
+        walk = self.request.walk
+        left, budget = min(form.tries, walk.max_points - len(walk.points)), walk.budget.points
+        return left if budget >= num * left else int(min(left, max(1, np.ceil(budget / num))))
+
+    def add_point(self, rows: Packed, row: int, length: float) -> None:
+        """Add the point of a step."""
+        self.point = PlainPoint(self.point.sequence, rows, row, self.point.arc + length)
+        self.request.walk.points.append(self.point)
 
 
 class StepBatch:
@@ -39,182 +69,124 @@ class StepBatch:
 
     def __init__(self, stock: Stock, room: int):
         self.stock, self.room = stock, room
-        self.members: list[_Part | _Stepper] = []
-        self.new: list[_Part | _Stepper] = []
-        self.state: _Rows | None = None
+        self.steppers: list[_Stepper] = []
+        self.state: Rows | None = None
+        self.new: list[_Stepper] = []
+        self.parts: list[_Part] = []
 
     def __len__(self) -> int:
-        return len(self.members) + len(self.new)
+        return len(self.steppers) + len(self.new) + len(self.parts)
 
     def add(self, task: int, request: PlainSteps | KernelCall) -> None:
         """Add a request."""
-        is_part = isinstance(request, KernelCall)
-        self.new.append(_Part(task, request) if is_part else _Stepper(task, request))
+        if isinstance(request, KernelCall):
+            self.parts.append(_Part(task, request))
+        else:
+            self.new.append(_Stepper(task, request))
 
     def answer(self) -> dict[int, Any]:
         """Answer all requests: plain steps are taken up to the first one that is not plain, or a few of them."""
         num = len(self)
         form = self.stock.form(num)
-        replies = {} if form is SINGLES else self._simulated()
-        state = self._joined()
+        replies = {} if form is SINGLES else self._simulated(form)
+        parts, state = self._joined()
         if state is None:
             return replies
-        most = np.array([member.most_steps(form.tries, num) for member in self.members])
-        # Branches that take many steps share calls: the others of a call would wait for them.
-        order = np.argsort(most > 0, kind="stable")
-        members, state = [self.members[k] for k in order], state.at(order)
-        families = self.stock.of([member.task for member in members])
-        points, found = in_parts(compiled_steps(form), form.size, families, *state, most[order])
+        steppers, first = self.steppers, len(parts)
+        most = np.array([0] * first + [one.most_steps(form, num) for one in steppers])
+        tasks = [one.task for one in (*parts, *steppers)]
+        points, found = in_parts(compiled_steps(form), form.size, self.stock.of(tasks), *state, most)
         stepped: Stepped = found.unpacked()
         if form.room is None:
-            tasks = [member.task for member in members]
-            stepped, points = followed(
-                self.stock, tasks, state.requests, state.points, stepped, points, self.room
-            )
-        _add_points(members, stepped)
-        is_left = np.array([member.is_answered(stepped, k) for k, member in enumerate(members)])
-        replies |= {members[k].task: members[k].reply(stepped, int(k)) for k in np.flatnonzero(is_left)}
-        self.members = [members[k] for k in np.flatnonzero(~is_left)]
-        self.state = _Rows(state.requests, points, stepped.next_ds).at(~is_left)
+            given = state.requests, state.points, stepped, points
+            stepped, points = followed(self.stock, tasks, *given, self.room)
+        for k, rows, row, length in _taken(stepped):
+            steppers[k - first].add_point(rows, row, length)
+        replies |= _replies_of_parts(parts, stepped)
+        is_left = self._are_answered(stepped, first)
+        left, kept = first + np.flatnonzero(is_left), first + np.flatnonzero(~is_left)
+        replies |= _replies_of_steppers([steppers[k - first] for k in left], left, stepped, points)
+        self.steppers = [steppers[k - first] for k in kept]
+        self.state = Rows(state.requests, points, stepped.next_ds).at(kept)
         return replies
 
-    def _simulated(self) -> dict[int, Any]:
+    def _simulated(self, form: Form) -> dict[int, Any]:
         """Answers to requests for simulations alone."""
-        own = [(part.task, part.request) for part in self.new if isinstance(part, _Part) and part.simulates]
-        self.new = [member for member in self.new if not member.simulates]
-        rows = [padded_for_run(request.sequence, request.arguments, self.room) for _, request in own]
-        return simulated(self.stock, [task for task, _ in own], rows) if own else {}
+        runs = [part for part in self.parts if part.request.program is simulate_motion]
+        self.parts = [part for part in self.parts if part.request.program is not simulate_motion]
+        own = [padded_for_run(one.request.sequence, one.request.arguments, self.room) for one in runs]
+        return simulated(self.stock, [one.task for one in runs], own, form) if runs else {}
 
-    def _joined(self) -> "_Rows | None":
-        """Requests of all branches, those of the new ones last; None if there are none."""
-        parts = [self.state] if self.members and self.state is not None else []
-        if self.new:
-            requests, points, ds = zip(
-                *(member.row(self.room, self.stock) for member in self.new), strict=True
-            )
-            rows = (stacked(list(own)) for own in (requests, points))
-            requests, points = (pack(own, has_rows=True) for own in rows)
-            parts.append(_Rows(requests, points, np.array(ds)))
-        self.members, self.new = self.members + self.new, []
-        if len(parts) < 2:
-            return parts[0] if parts else None
-        requests, points, ds = zip(*parts, strict=True)
-        return _Rows(joined(list(requests)), joined(list(points)), np.concatenate(ds))
+    def _joined(self) -> tuple[list[_Part], Rows | None]:
+        """The requests for parts, and the rows of these and of all branches that step; None if there are none."""
+        parts, new, rows = self.parts, self.new, []
+        if parts:
+            asked = [part.request for part in parts]
+            rows.append(rows_of_parts(asked, self.room, has_grip=self.stock.has_grip))
+        if self.steppers and self.state is not None:
+            rows.append(self.state)
+        if new:
+            rows.append(rows_of_steps([one.request for one in new], self.room))
+        self.steppers, self.new, self.parts = self.steppers + new, [], []
+        return parts, joined_rows(rows) if rows else None
 
-
-class _Rows(NamedTuple):
-    """Requests of some branches, points from which they step, and lengths of their steps, see `take_steps`."""
-
-    requests: Packed
-    points: Packed
-    ds: Any
-
-    def at(self, rows: np.ndarray) -> "_Rows":
-        """Some of them."""
-        return _Rows(self.requests.at(rows), self.points.at(rows), self.ds[rows])
+    def _are_answered(self, stepped: Stepped, first: int) -> np.ndarray:
+        """Flags of the branches, in the rows from `first` on, that may take no more plain steps."""
+        is_done = [one.request.is_trial or one.request.walk.is_full for one in self.steppers]
+        is_over = _are_only_tried(stepped) | (stepped.next_ds < SHORTEST_STEP)
+        return is_over[first:] | np.array(is_done, bool)
 
 
-class _Part(NamedTuple):
-    """A request for one part of a step.
-
-    Attributes:
-        task: number of its task.
-        request: the request.
-    """
-
-    task: int
-    request: KernelCall
-
-    @property
-    def simulates(self) -> bool:
-        """True for a simulation."""
-        return self.request.program is simulate_motion
-
-    def row(self, room: int, stock: Stock) -> tuple[StepRequest, CorrectedCycle, float]:
-        """The request, its cycle and the length of a step."""
-        blank = partial(blank_cycle, has_grip=stock.has_grip)
-        sequence, place, *rest = padded(self.request.sequence, self.request.arguments, room)
-        if self.simulates:
-            own = _request(sequence, place)._replace(start=rest[0], simulates=np.asarray(True))
-            return own, blank(sequence, place, place), np.nan
-        weights, target = rest
-        return _request(sequence, place)._replace(target=target), blank(sequence, place, weights), 0.0
-
-    def most_steps(self, tries: int, num: int) -> int:
-        """Most plain steps that it may take: none."""
-        del tries, num
-        return 0
-
-    def is_answered(self, stepped: Stepped, k: int) -> bool:
-        """True after any call."""
-        del stepped, k
-        return True
-
-    def reply(self, stepped: Stepped, k: int) -> Any:
-        """The answer, from row `k` of the results."""
-        return _motion_in(stepped, k) if self.simulates else stepped.tries.at((k, 0)).unpacked()
+def _taken(stepped: Stepped) -> Iterator[tuple[int, Packed, int, float]]:
+    """Steps that were taken: row of the branch, corrected cycles and the row among them, length of the step."""
+    lanes, tries = np.nonzero(stepped.is_taken)
+    rows = stepped.tries.at((lanes, tries))
+    for row, (k, length) in enumerate(zip(lanes.tolist(), stepped.ds[lanes, tries].tolist(), strict=True)):
+        yield k, rows, row, length
 
 
-class _Stepper:
-    """A branch that steps.
+def _are_only_tried(stepped: Stepped) -> np.ndarray:
+    """Flags of branches whose last step is accepted and short enough, but not taken."""
+    is_taken = np.asarray(stepped.is_taken)[np.arange(len(stepped.last)), stepped.last]
+    return np.asarray(stepped.is_sound) & ~is_taken
 
-    Attributes:
-        task: number of its task.
-        request: the request.
-        point: the point from which it steps.
-    """
 
-    simulates = False
+def _replies_of_parts(parts: list[_Part], stepped: Stepped) -> dict[int, Any]:
+    """Answers to requests for parts of a step, from the first rows of the results."""
+    if not parts:
+        return {}
+    seen = stepped.tries.at((np.arange(len(parts)), 0)).each_unpacked()
+    return {
+        part.task: _motion_in(stepped, k) if part.request.program is simulate_motion else seen[k]
+        for k, part in enumerate(parts)
+    }
 
-    def __init__(self, task: int, request: PlainSteps):
-        self.task, self.request = task, request
-        self.point: BranchPoint | PlainPoint = request.point
 
-    def row(self, room: int, stock: Stock) -> tuple[StepRequest, CorrectedCycle, float]:
-        """The request, the point and the length of its first step."""
-        del stock
-        walk, start, point = self.request.walk, self.request.start, self.request.point
-        sequence, place = padded(point.sequence, (point.place,), room)
-        one, other = start.sequence, point.sequence
-        is_same = one is other or (
-            np.array_equal(one.kind, other.kind) and np.array_equal(one.stop, other.stop)
-        )
-        origin, tangent = place, place.moved(place, -1.0)
-        if is_same:
-            _, origin, tangent = padded(one, (start.place, start.tangent), room)
-        num_periods, bounds, longest = map(np.asarray, (walk.num_periods, walk.bounds, walk.longest))
-        limits = StepLimits(num_periods, bounds, longest, origin, tangent)
-        return _request(sequence, place, limits), point.seen, self.request.ds
-
-    def most_steps(self, tries: int, num: int) -> int:
-        """Most plain steps that it may take now, beside a number of others."""
-        walk = self.request.walk
-        if self.request.is_trial:
-            return 0
-        return int(min(tries, walk.max_points - len(walk.points), max(1, np.ceil(walk.budget.points / num))))
-
-    def add_point(self, rows: Packed, row: int, length: float) -> None:
-        """Add the point of a step."""
-        self.point = PlainPoint(self.point.sequence, rows, row, self.point.arc + length)
-        self.request.walk.points.append(self.point)
-
-    def is_answered(self, stepped: Stepped, k: int) -> bool:
-        """True unless it may take more plain steps."""
-        is_over = _is_only_tried(stepped, k) or stepped.next_ds[k] < SHORTEST_STEP
-        return bool(self.request.is_trial or self.request.walk.is_full or is_over)
-
-    def reply(self, stepped: Stepped, k: int) -> tuple[BranchPoint, float, Tried | None]:
-        """The answer, from row `k` of the results."""
-        last = int(stepped.last[k])
-        point = self.point.alone() if isinstance(self.point, PlainPoint) else self.point
-        tried = None
-        if _is_only_tried(stepped, k):
-            row = stepped.tries.at((k, last))
-            new = BranchPoint.of(point.sequence, row.unpacked(), point.arc + float(stepped.ds[k, last]))
+def _replies_of_steppers(
+    steppers: list[_Stepper], rows: np.ndarray, stepped: Stepped, points: Packed
+) -> dict[int, tuple[BranchPoint, float, Tried | None]]:
+    """Answers to some branches that step, in some rows of the results."""
+    last, replies = stepped.last[rows], {}
+    whole = zip(
+        steppers,
+        rows.tolist(),
+        points.at(rows).each_unpacked(),
+        stepped.tries.at((rows, last)).each_unpacked(),
+        _are_only_tried(stepped)[rows].tolist(),
+        stepped.ds[rows, last].tolist(),
+        strict=True,
+    )
+    for one, k, seen, end, is_tried, length in whole:
+        point, step = one.point, None
+        if isinstance(point, PlainPoint):
+            point = BranchPoint.of(point.sequence, seen, point.arc)
+        if is_tried:
+            new = BranchPoint.of(point.sequence, end, point.arc + length)
             motion = _motion_in(stepped, k)
             is_known = motion is not None and motion.is_alike
-            tried = Tried(new, motion if is_known else None, float(stepped.next_length[k]))
-        return point, float(stepped.next_ds[k]), tried
+            step = Tried(new, motion if is_known else None, float(stepped.next_length[k]))
+        replies[one.task] = point, float(stepped.next_ds[k]), step
+    return replies
 
 
 def _motion_in(stepped: Stepped, k: int) -> SimulatedMotion | None:
@@ -222,27 +194,3 @@ def _motion_in(stepped: Stepped, k: int) -> SimulatedMotion | None:
     if not stepped.has_motion[k] or stepped.motion is None:
         return None
     return stepped.motion.at(k).unpacked() if isinstance(stepped.motion, Packed) else stepped.motion[k]
-
-
-def _is_only_tried(stepped: Stepped, k: int) -> bool:
-    """True if the last step is accepted and short enough, but not taken."""
-    return bool(stepped.is_sound[k] and not stepped.is_taken[k, stepped.last[k]])
-
-
-def _add_points(members: list[_Part | _Stepper], stepped: Stepped) -> None:
-    """Add the points of all steps that were taken."""
-    lanes, tries = np.nonzero(stepped.is_taken)
-    rows = stepped.tries.at((lanes, tries))
-    for row, (k, length) in enumerate(zip(lanes.tolist(), stepped.ds[lanes, tries].tolist(), strict=True)):
-        member = members[k]
-        assert isinstance(member, _Stepper)
-        member.add_point(rows, row, length)
-
-
-def _request(sequence: Sequence, place: ExtendedCycle, limits: StepLimits | None = None) -> StepRequest:
-    """A request for steps; without limits none is plain."""
-    if limits is None:
-        nowhere: Any = np.array([np.inf, -np.inf])
-        limits = StepLimits(nowhere[0], nowhere, nowhere[0], place, place)
-    start = np.full(np.shape(place.z), np.nan)
-    return StepRequest(sequence, np.asarray(np.nan), start, np.asarray(False), limits)

@@ -131,7 +131,7 @@ def take_steps(
         families: of the branches.
         requests: of the branches.
         points: corrected cycles from which to step; of a correction its guess and, as tangent, its weights, and of a
-            simulation its cycle, see `blank_cycle`; packed.
+            simulation its cycle, see `blank_cycles`; packed.
         ds: length of the first step; 0 for a correction, NaN for a simulation.
         most: most steps that each may take; 0 to try one.
         tries: most steps that are tried for each branch.
@@ -286,23 +286,23 @@ def _widened(sequences: Sequence, room: int) -> Sequence:
     )
 
 
-def blank_cycle(
-    sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle, *, has_grip: bool
+def blank_cycles(
+    sequences: Sequence, places: ExtendedCycle, weights: ExtendedCycle, *, has_grip: bool
 ) -> CorrectedCycle:
-    """A cycle of which nothing is known but the weights of its correction; `has_grip` with friction of contacts."""
-    dtype, size, num = np.asarray(place.z).dtype, len(place.z), sequence.mode.shape[1]
+    """Cycles of which nothing is known but the weights of their correction; `has_grip` with friction of contacts."""
+    dtype, (lanes, size), (*_, num) = np.asarray(places.z).dtype, np.shape(places.z), sequences.mode.shape
 
     def zeros(*shape: int, like: Any = dtype) -> Any:
-        return np.zeros(shape, like)
+        return np.zeros((lanes, *shape), like)
 
-    num_guards = 2 * num if sequence.is_switching else num
-    none, whole, events = zeros(num_guards), zeros(num_guards, like=int), zeros(len(place.flights))
+    num_guards = 2 * num if sequences.is_switching else num
+    none, whole, events = zeros(num_guards), zeros(num_guards, like=int), np.zeros_like(places.flights)
     multipliers = zeros(size, like=np.result_type(dtype, np.complex64))
     found = Corrected(
-        place, weights, multipliers, events, zeros(), zeros(), zeros(like=int), zeros(like=bool)
+        places, weights, multipliers, events, zeros(), zeros(), zeros(like=int), zeros(like=bool)
     )
     is_plastic = zeros(num, like=bool)
-    grip = zeros(len(place.flights), num) if has_grip else None
+    grip = zeros(events.shape[1], num) if has_grip else None
     watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros(), grip)
     margins, past = Margins(events, none, none, none), zeros(PAST) + np.nan
     return CorrectedCycle(found, watched, margins, zeros(size), past)

@@ -1,7 +1,7 @@
 """Test functions of a cycle, which change sign at an event or a bifurcation of a branch."""
 
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Sequence as Many
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +42,10 @@ def _ratio(values: Any, of: Any) -> Any:
     xp = array_namespace(values, of)
     with np.errstate(invalid="ignore"):
         parts = values / (1 + xp.abs(of))
-    return xp.prod(xp.where(xp.isfinite(parts), parts, xp.sign(of.real)), axis=-1).real
+    is_finite = xp.isfinite(parts)
+    if xp is not np or not is_finite.all():
+        parts = xp.where(is_finite, parts, xp.sign(of.real))
+    return xp.prod(parts, axis=-1).real
 
 
 def of_doubling(mu: Multipliers) -> Any:
@@ -103,8 +106,16 @@ def is_between_events(test: TestFunction) -> bool:
     return bool(test.least)
 
 
-def tests_of(sequence: Sequence) -> list[TestFunction]:
+def tests_of(sequence: Sequence) -> tuple[TestFunction, ...]:
     """Test functions of a sequence, positive as long as a machine can follow it; `index` is that of an event or a guard."""
+    arrays = [np.asarray(a) for a in sequence]
+    return _tests_of(*((a.tobytes(), a.dtype, a.shape) for a in arrays))
+
+
+@lru_cache(maxsize=1024)
+def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunction, ...]:
+    """`tests_of` a sequence whose arrays have these bytes, types and shapes: branches share a few sequences."""
+    sequence = Sequence(*(np.frombuffer(data, dtype).reshape(shape) for data, dtype, shape in parts))
     found, follows_another, has_speed = [], _follows_another(sequence), _has_speed(sequence)
     for k in range(len(sequence.kind)):
         if has_speed[k]:
@@ -131,7 +142,7 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
             if not is_switching:
                 rate = lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j])  # noqa: E731
             found.append(TestFunction(kind, of_guard, j, rate=rate, least=name))
-    return found
+    return tuple(found)
 
 
 def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
@@ -255,7 +266,7 @@ def _follows_another(sequence: Sequence) -> Any:
     return xp.concatenate([xp.zeros_like(kind[:1], dtype=bool), ~is_same & (kind[1:] != NOTHING)])
 
 
-def crossings(tests: list[TestFunction], before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
+def crossings(tests: Many[TestFunction], before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
     """Test functions that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
 

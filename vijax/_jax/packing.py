@@ -118,6 +118,11 @@ class Packed:
                 lambda a: jax.device_put(a) if isinstance(a, np.ndarray | np.generic) else a, cut
             )
 
+    def each_unpacked(self) -> list[PyTree]:
+        """The trees of a batch in NumPy arrays: it is cut once."""
+        leaves, structure = jax.tree.flatten(self.unpacked())
+        return [jax.tree.unflatten(structure, own) for own in zip(*leaves, strict=True)]
+
     def unpacked_by_kernel(self) -> PyTree:
         """`unpacked` in a program, by one kernel and not by one for each array."""
         places = self.layout.places

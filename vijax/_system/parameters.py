@@ -118,6 +118,20 @@ def machine_at(whole: eqx.Module, path: str, value: Numbers) -> ImpactSystem:
     return machine_of(_system_of(set_parameter(whole, path, value)))
 
 
+def known_machine_at(whole: eqx.Module, path: str, value: float | np.floating) -> ImpactSystem:
+    """`machine_at` for known numbers and a value that is valid: nothing is checked, and a machine has arrays of NumPy.
+
+    That takes a tenth of the time.
+    """
+    place, (leaves, structure) = find_parameter(whole, path), jax.tree.flatten(whole)
+    for i in place.leaves:
+        leaves[i] = np.array(leaves[i])
+        leaves[i][place.index] = value
+    if isinstance(_system_of(whole), Family):
+        leaves = [jnp.asarray(leaf) for leaf in leaves]
+    return machine_of(_system_of(jax.tree.unflatten(structure, leaves)))
+
+
 def moved_arrays(whole: eqx.Module, path: str) -> list[str]:
     """Paths of the arrays of the machine that a parameter moves: of a machine the path itself."""
     place, system = find_parameter(whole, path), _system_of(whole)

@@ -16,6 +16,7 @@ random states. (Rejected: rotations by any angle. Stops and contacts are half-pl
 
 from collections.abc import Callable, Iterator
 from fractions import Fraction
+from itertools import compress
 from math import gcd
 from typing import Any, NamedTuple
 
@@ -262,21 +263,23 @@ def _allowed_by_load(machine: _Machine) -> Callable[[int, int, int, frozenset | 
     n, instants = len(machine.is_state), _instants()
     # Of many coordinates only likely orders are tried: small ones, and those of a ring.
     parts = (*range(1, 2 * min(n, _SMALL) + 1), n, 2 * n) if machine.common else ()
-    shifts = frozenset(
-        {Fraction(k, machine.common * m) for m in parts for k in range(machine.common * m)}
-    ) or frozenset({Fraction(0)})
-    now, tolerance = machine.load(instants), _EQUAL * max(1e-300, np.abs(machine.load(instants)).max())
-    later = {shift: machine.load(instants + float(shift)) for shift in shifts}
+    shifts = sorted(
+        {Fraction(k, machine.common * m) for m in parts for k in range(machine.common * m)} or {Fraction(0)}
+    )
+    # All at once: one evaluation of a load takes as long as of a hundred instants.
+    at = instants + np.array([0.0, *map(float, shifts)])[:, None]
+    now, *later = machine.load(at.ravel()).reshape(*at.shape, n)
+    tolerance, later = _EQUAL * max(1e-300, np.abs(now).max()), np.array(later)
 
-    def is_constant(i: int, j: int, sign: int, shift: Fraction) -> bool:
-        away = now[:, i] - sign * later[shift][:, j]
-        return bool(np.ptp(away) <= 1e3 * tolerance)
+    def allowing(i: int, j: int, sign: int) -> frozenset:
+        spread = np.ptp(now[:, i] - sign * later[:, :, j], axis=1)
+        return frozenset(compress(shifts, spread <= 1e3 * tolerance))
 
     known: dict[tuple[int, int, int], frozenset] = {}
 
     def allowed(i: int, j: int, sign: int, before: frozenset | None) -> frozenset:
         if (i, j, sign) not in known:
-            known[i, j, sign] = frozenset(shift for shift in shifts if is_constant(i, j, sign, shift))
+            known[i, j, sign] = allowing(i, j, sign)
         own = known[i, j, sign]
         return own if before is None else own & before
 

@@ -5,7 +5,7 @@ off with positive margins and the machine follows it. Its equations are regular 
 a double root: such words are found with their letters a given time apart, see `apart.py`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence as Many
 from functools import partial
 from itertools import product
 
@@ -110,7 +110,7 @@ def _events(word: Word) -> tuple[int, ...]:
     return tuple(letter.kind % SECOND for letter in word)
 
 
-def _solved(corner: Corner, choices: list[list[Word]]) -> Requests[list[list[Word]]]:
+def _solved(corner: Corner, choices: Many[Many[Word]]) -> Requests[list[list[Word]]]:
     """The words of each instant whose equations the motion at the corner solves."""
     before = [at.word for at in corner.instants]
     trials = [

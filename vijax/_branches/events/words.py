@@ -6,6 +6,7 @@ do are enumerated from what ends a mode and where it leads; the equations of the
 
 from collections import Counter
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -53,9 +54,10 @@ class Elements(NamedTuple):
     contacts: tuple[int, ...]
 
 
+@lru_cache(maxsize=1024)
 def words_between(
     modes: tuple[Modes, Modes], acting: tuple[int, ...], elements: Elements, before: Word
-) -> list[Word]:
+) -> tuple[Word, ...]:
     """All other words of events of some elements that lead from modes to modes, those with the fewest other events first.
 
     Args:
@@ -80,7 +82,7 @@ def words_between(
                 extended((*word, letter), letter.mode)
 
     extended((), modes[0])
-    return sorted(found, key=lambda word: (abs(len(word) - len(before)), _num_others(word, before)))
+    return tuple(sorted(found, key=lambda word: (abs(len(word) - len(before)), _num_others(word, before))))
 
 
 def _num_others(word: Word, before: Word) -> int:
