@@ -81,8 +81,9 @@ def _largest_of_tables(system: ImpactSystem) -> np.ndarray | None:
 
 def _base_in_words(system: ImpactSystem, of_base: Waves, speeds: np.ndarray) -> str:
     """Acceleration of a base that moves, as a formula; empty for none."""
-    accelerations = [-_accelerations(np.asarray(system.mass), a.T)[0] for a in (of_base.cosine, of_base.sine)]
-    terms = harmonic_terms(speeds, *accelerations, NOTHING * np.max(np.abs(accelerations), initial=0.0))
+    mass = np.asarray(system.mass)
+    cosines, sines = (-_accelerations(mass, a.T)[0] for a in (of_base.cosine, of_base.sine))
+    terms = harmonic_terms(speeds, cosines, sines, NOTHING * np.max(np.abs([cosines, sines]), initial=0.0))
     has_table = any(load.from_base for load in system.forcing.loads if not isinstance(load, Harmonic))
     terms += ["+ a(t)"] if has_table else []
     return formula(terms) if terms else ""
