@@ -58,7 +58,7 @@ def flow_map_of(force, span, *, stiffness=0.0, damping=0.0):
 
 def without_second_rule(machine, x, by_x, by_v, tolerance, *, has_powers):
     del by_x, by_v, has_powers
-    return jnp.minimum(motion_limit(x, tolerance), 1e3 * machine.timescale)
+    return jnp.minimum(motion_limit(machine, x, tolerance), 1e3 * machine.timescale)
 
 
 def test_derivatives_at_rest_need_the_bound_of_neighbours(monkeypatch):

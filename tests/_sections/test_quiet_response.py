@@ -161,3 +161,51 @@ def test_a_damper_at_a_node_leaves_its_mode_undamped():
     x, v = response_at(system)
     assert not is_proved(system, x, v)
     assert is_proved(eqx.tree_at(lambda s: s.damping, system, jnp.asarray(c + 1e-6 * np.eye(2))), x, v)
+
+
+# Wave forms
+
+
+def under_wave(kind: str, position: float = 50.0) -> vx.ImpactSystem:
+    values = np.array([[1.0, 0.2, 0.0], [-0.7, 0.0, 0.3], [0.2, -0.1, 0.1]])
+    load = vx.Waveform([0.5, 2.0, 4.0], values, 0.9, kind) + vx.Harmonic(
+        [0.1, 0.0, 0.0], 0.9, mean=[0.2, 0.0, 0.0]
+    )
+    stops = [vx.Stop(0, position, "upper", 0.7)]
+    return vx.chain([1.0, 0.5, 2.0], [0.1] * 3, [1.0, 3.0, 0.7], load, stops)
+
+
+# Distances from the stop at which a motion is proved quiet: what harmonics above the 128th may add, more the more the load jumps.
+WIDE = {"previous": 0.1, "linear": 1e-2, "cubic": 1e-3}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", WIDE)
+def test_the_response_to_a_wave_form_ends_where_a_long_run_ends_and_is_proved_to_stay_away_from_stops(kind):
+    far, period = under_wave(kind), 2 * np.pi / 0.9
+    times = np.linspace(399, 400, 401) * period
+    sol = vx.simulate(far, 0.0, 400 * period, ts=times)
+    machine = machine_of(far)
+    modes = modes_of(machine)
+    response = response_of(machine, modes)
+    found = response.waves[0] * np.exp(
+        1j * np.arange(response.num_harmonics + 1)[:, None] * 0.9 * times[:, None, None]
+    )
+    x = found.sum(axis=1).real @ modes.shapes[0].T
+    bound = np.linalg.norm(modes.shapes[0], axis=1) * response.of_positions
+    assert (np.abs(x - sol.xs) < bound).all()
+    assert bound[0] < WIDE[kind]
+    top, ends = np.asarray(sol.xs)[:, 0].max(), (sol.x1, sol.v1)
+    for gap, expected in ((-1e-4, False), (WIDE[kind], True)):
+        assert is_proved(under_wave(kind, float(top + gap)), *ends) is expected
+
+
+@pytest.mark.thorough
+def test_sweeps_under_wave_forms_without_impacts_are_classified_by_their_response():
+    ds = vx.sweep(
+        under_wave("cubic"), {"forcing.frequency": [0.7, 0.9]}, transient=5, record=4, progress=False
+    )
+    motions = vx.classify(ds)
+    assert (motions.motion.values == 0).all()
+    decay = modes_of(machine_of(under_wave("cubic"))).decay[0]
+    np.testing.assert_allclose(motions.contraction, np.exp(decay * ds.forcing_period), rtol=ROUNDED)

@@ -457,11 +457,29 @@ def test_what_has_no_place_in_the_row_is_told_in_words():
         "force: function push",
     ]
     assert not called(ax, "limit 3")
-    loads = [text for text in words(ax) if "cos" in text]
-    assert loads[:2] == [
-        r"$- 1 + 0.064\,\cos(0.8\,t)$",
-        r"$0.128\,\cos(0.8\,t)$",
-    ]
+    assert words(ax)[-3] == r"base: $\ddot y$ = $- 0.064\,\cos(0.8\,t)$"
+    assert {r"$- 1$", r"$2$"} <= set(words(ax))  # the mean load is none of the base
+
+
+WAVE = vx.Waveform([0.0, 2.0, 4.0], [1.0, -0.5, 0.2], 1.3)
+
+
+@pytest.mark.parametrize(
+    ("base", "formula"),
+    [
+        (vx.base_excitation([1.0, 2.0], 0.1, 0.8), r"$- 0.064\,\cos(0.8\,t)$"),
+        (vx.base_excitation([1.0, 2.0], acceleration=WAVE), "$a(t)$"),
+        (vx.base_excitation([1.0, 2.0], acceleration=vx.Tabulated([0.0, 1.0], [1.0, 2.0])), "$a(t)$"),
+    ],
+    ids=["harmonic", "wave form", "record"],
+)
+def test_a_base_that_moves_is_drawn_as_a_base_and_other_loads_as_arrows(base, formula):
+    links = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    for load, arrows in ((base, []), (base + vx.Harmonic([0.3, 0.0], 1.1), ["load 0"])):
+        ax = vx.plot.machine(vx.ImpactSystem([1.0, 2.0], 0.1 * links, links, load))
+        assert words(ax)[-1] == rf"base: $\ddot y$ = {formula}"
+        assert [line.get_gid() for line in ax.lines if str(line.get_gid()).startswith("load")] == arrows
+        assert len([line for line in ax.lines if line.get_gid() == "base"]) == 2
 
 
 def test_of_a_full_mass_matrix_it_is_said_that_boxes_are_coordinates():

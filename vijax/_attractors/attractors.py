@@ -13,9 +13,9 @@ from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precisio
 from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles
-from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._sweep.random_numbers import Rng, generator_of
+from .._sweep.recurrence import TOLERANCES
 from .._sweep.short_names import with_names
 from .._sweep.zipped import START
 from .._system.periodicity import check_period

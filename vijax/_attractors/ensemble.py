@@ -19,8 +19,8 @@ from .._orbits.sweep_orbits import search_orbits
 from .._progress import tqdm
 from .._sections.lyapunov import lyapunov_exponents
 from .._sections.non_impacting_proof import prove_non_impacting
-from .._sections.recurrence import recurrence
 from .._sections.section_side import after_impacts, machines_of_lanes, padded_to_power_of_two
+from .._sweep.recurrence import recurrence
 from .._sweep.zipped import sweep_zipped
 from .._system.contact import AbstractLimit
 from .._system.system import AnySystem, ImpactSystem, machine_of

@@ -344,7 +344,7 @@ def _limit(
 ) -> Scalar:
     """Longest step by rules 1 and 2, and for which the phase of the load is right."""
     of_derivatives = derivative_limit(by_x, by_v, len(x) - 1, tolerance, has_powers=has_powers)
-    limit = jnp.minimum(motion_limit(x, tolerance), of_derivatives)
+    limit = jnp.minimum(motion_limit(machine, x, tolerance), of_derivatives)
     fastest = machine.fastest
     limit = jnp.where(
         fastest > 0, jnp.minimum(limit, LONGEST_PHASE / jnp.where(fastest > 0, fastest, 1)), limit

@@ -13,6 +13,7 @@
 """
 
 from collections.abc import Callable
+from functools import partial
 from math import factorial, log2
 from typing import Any
 
@@ -47,10 +48,15 @@ _DISC = 6.0
 _DISC_OF_MOTION, _LARGEST = 3.0, 1e3
 
 
-def motion_limit(x: Orders, tolerance: float) -> Scalar:
+def motion_limit(machine: Machine, x: Orders, tolerance: float) -> Scalar:
     """Rule 1: longest step for which the last two coefficients of the positions are below the tolerance."""
     eps = float(jnp.finfo(x[0].dtype).eps)
-    return _limit_of_last(lambda k: jnp.max(jnp.abs(x[k]), axis=0), len(x) - 1, [eps, *[tolerance] * 3])
+    return _limit_of_last(lambda k: _largest_of_masses(machine, x[k]), len(x) - 1, [eps, *[tolerance] * 3])
+
+
+def _largest_of_masses(machine: Machine, a: Float[Array, "n ..."]) -> Scalar:
+    """Largest magnitude over the masses: stretches of Jenkins elements follow these, and have other units."""
+    return jnp.max(jnp.abs(a[: len(a) - machine.contacts.num_sliders]), axis=0)
 
 
 def _limit_of_last(of: Callable[[int], Array], order: int, tolerances: list[float]) -> Scalar:
@@ -161,7 +167,7 @@ def is_bounded(plan: Plan, machine: Machine, state: State, motion: ForceSeries, 
     radius = _DISC_OF_MOTION * step
     of_force, of_guards = motion_bound(plan, motion.series, radius, *_reach(machine, motion, radius), step)
     impulse = step * jnp.max(machine.contacts.inverse_mass_size(of_force), axis=0)
-    speed = jnp.max(jnp.abs(state.v), axis=0) + step * jnp.max(jnp.abs(2 * motion.x[2]), axis=0)
+    speed = _largest_of_masses(machine, state.v) + step * _largest_of_masses(machine, 2 * motion.x[2])
     return (impulse <= _LARGEST * speed) & (of_guards <= _LARGEST)
 
 
@@ -233,10 +239,11 @@ def is_consistent(
     load = machine.load(phase)
     terms = load, matvec(machine.damping, v), matvec(machine.stiffness, x), own, _felt(machine, state, motion)
     a = machine.contacts.accelerations(load - terms[1] - terms[2] + own, hold, phase)
-    defect = jnp.max(jnp.abs(a - value_of(slope_of(motion.v), step)), axis=0)
-    speed = jnp.max(jnp.maximum(jnp.abs(v), jnp.abs(state.v)), axis=0)
-    rounding = jnp.max(machine.contacts.inverse_mass_size(add_up([jnp.abs(term) for term in terms])), axis=0)
-    motion_size = tolerance * (speed + step * jnp.max(jnp.abs(a), axis=0))
+    size = partial(_largest_of_masses, machine)
+    defect = size(a - value_of(slope_of(motion.v), step))
+    speed = size(jnp.maximum(jnp.abs(v), jnp.abs(state.v)))
+    rounding = size(machine.contacts.inverse_mass_size(add_up([jnp.abs(term) for term in terms])))
+    motion_size = tolerance * (speed + step * size(a))
     blur = 4 * float(jnp.finfo(x.dtype).eps) * step * rounding
     most = _SLACK * (motion_size + blur)
     if plan.has_closing_powers:

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from .._jax.arrays import Scalar, over_lanes
 from .._system.force import BoundForce
+from .._system.hysteresis import ForceBesideSliders
 from .frame import Frame
 
 
@@ -19,7 +20,7 @@ class ExtraForce(eqx.Module):
         frame: frame of the arguments x and v; the force itself takes positions and velocities in space.
     """
 
-    force: BoundForce
+    force: BoundForce | ForceBesideSliders
     origin: Scalar
     frame: Frame | None = None
 

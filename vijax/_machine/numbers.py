@@ -13,7 +13,7 @@ from .._jax.arrays import Reals, add_up, array_namespace, stack
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce, force_of
 from .._system.forcing import Harmonic
-from .._system.hysteresis import coupled, with_more_rows
+from .._system.hysteresis import ForceBesideSliders, coupled, with_more_rows
 from .._system.load import is_constant
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
@@ -73,7 +73,7 @@ class MachineNumbers(eqx.Module):
     restitution: Restitution
     signs: Reals | None
     travel: Waves | None
-    force: BoundForce | None
+    force: BoundForce | ForceBesideSliders | None
     laws: Laws | None = None
     num_states: int = eqx.field(static=True, default=0)
     tables: tuple[TableNumbers, ...] | None = None
@@ -152,7 +152,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         restitution=restitution_of_contacts(restitutions + [one for _ in none], zero),
         signs=of_contacts([stop.sign if stop.slot else 0 for stop in stops] + none) if is_coupled else None,
         travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
-        force=force_of(system) if isinstance(system.force, BoundForce) else None,
+        force=_force(system, more),
         laws=laws_of(system, of_contacts),
         num_states=system.num_states + more,
         tables=_tables(system, more),
@@ -165,6 +165,14 @@ def _with_more_coordinates(mean: Reals, waves: Waves, count: int) -> tuple[Reals
     if not count:
         return mean, waves
     return with_more_rows(mean, count, 0), jax.tree.map(lambda a: with_more_rows(a, count, 1), waves)
+
+
+def _force(system: ImpactSystem, more: int) -> BoundForce | ForceBesideSliders | None:
+    """Force that is bound to its `args`, with some more coordinates."""
+    if not isinstance(system.force, BoundForce):
+        return None
+    force = force_of(system)
+    return ForceBesideSliders(force, more) if more else force
 
 
 def _tables(system: ImpactSystem, more: int) -> tuple[TableNumbers, ...] | None:
@@ -180,8 +188,13 @@ def _tables(system: ImpactSystem, more: int) -> tuple[TableNumbers, ...] | None:
 def with_base(numbers: MachineNumbers, system: ImpactSystem) -> MachineNumbers:
     """Numbers of a machine with the part of the load that a moving base makes."""
     tables = tuple(load.from_base for load in system.forcing.loads if not isinstance(load, Harmonic))
-    base = BaseLoad(_waves_of(system, of_base=True), tables)
+    base = BaseLoad(base_waves_of(system), tables)
     return eqx.tree_at(lambda n: n.base, numbers, base, is_leaf=lambda leaf: leaf is None)
+
+
+def base_waves_of(system: ImpactSystem) -> Waves:
+    """Harmonics of the part of a load that a moving base makes, in the rows of those of the load."""
+    return _waves_of(system, of_base=True)
 
 
 def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:

@@ -11,6 +11,7 @@ from .._dataset_attributes import flags
 from .._dataset_checks import check_columns, check_is_dataset
 from .._jax.users_line import users_line
 from .._sweep.outcomes import warn_of_endings
+from .._sweep.recurrence import TOLERANCES, Recurrence, periods_left, recurrence
 from .._trajectory.solution import Solution
 from .non_impacting_proof import prove_non_impacting
 from .record import (
@@ -24,7 +25,6 @@ from .record import (
     machines,
     stop_masses,
 )
-from .recurrence import Recurrence, recurrence
 from .section_side import after_impacts, before_impact, padded_to_power_of_two
 from .sections import stroboscopic_section
 
@@ -32,7 +32,6 @@ MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "no
 # An impact this close before the end of a period, as a fraction of the period, counts as one just after it. Otherwise
 # some periods of a cycle with an impact there would end before it and some after it.
 _EDGE = 1e-3
-TOLERANCES: Final = {8: 1e-6, 4: 1e-3}
 
 
 def classify(
@@ -48,7 +47,7 @@ def classify(
     (m, n) motion has m impacts in them. From `record` periods n is found up to record / 2, but only up to record / 4
     while the motion still settles: a longer period looks like chaos.
 
-    Where nothing is hit, and the machine is stored and linear, under harmonics alone, the section does not decide. Instead the periodic
+    Where nothing is hit, and the machine is stored and linear, under loads that repeat, the section does not decide. Instead the periodic
     response to the load and the remaining free vibration are computed. If the response stays between the stops, every
     mode is damped, no force feeds energy in, and the energy of the free vibration cannot carry any mass to a stop, the motion is `non_impacting`
     with n = 1 however slowly it settles, whatever the `tolerance`.
@@ -115,11 +114,9 @@ def _warn_of_unsettled(found: xr.Dataset, tolerance: float) -> None:
     if not is_so.any():
         return
     error, factor = (found[name].values[is_so] for name in ("recurrence_error", "contraction"))
-    falls = (factor > 0) & (factor < 1) & (error > tolerance)
-    time = "Run on for longer."
-    if falls.any():
-        periods = np.max(np.log(error[falls] / tolerance) / -np.log(factor[falls]))
-        time = f"Run on for about {np.ceil(periods):.0f} forcing periods more, by `transient` or `t1`."
+    periods, time = periods_left(error, factor, tolerance), "Run on for longer."
+    if periods is not None:
+        time = f"Run on for about {periods} forcing periods more, by `transient` or `t1`."
     warnings.warn(f"{is_so.sum()} of {is_so.size} motions have not settled. {time}", stacklevel=users_line())
 
 

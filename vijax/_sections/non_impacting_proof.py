@@ -6,6 +6,7 @@ their sum never reaches a stop:
 - The response along the row of each stop or contact, minus the motion of the contact, is a sum of harmonics,
   g(a) = Re sum_h Z_h exp(i h a). At its maximum g' = 0, and the nearest of N samples is at most pi / N away, so
   max g <= max of the samples + (pi / N)^2 / 2 sum_h h^2 |Z_h|.
+  Of a wave form harmonics are left out, and a bound of their sum counts as free vibration.
 - The energy E of the free vibration never grows, so |a . z| <= sqrt(2 E a K^-1 a) along a row a at all later times.
 
 (Decaying exponentials, mode by mode, would give a smaller bound of the free vibration, but the modes of
@@ -18,8 +19,9 @@ import xarray as xr
 from .._machine.machine import Machine
 from .._trajectory.solution import Solution
 from .record import forcing_periods, is_linear, machines
-from .response import double_lanes_first, harmonics_of, modes_of, residual_vibration, response_of
+from .response import harmonics_of, modes_of, residual_vibration, response_of
 from .section_side import padded_to_power_of_two
+from .table_waves import lanes_first
 
 # Points per block: the machines of all points at once would need much memory.
 _BLOCK = 1 << 13
@@ -46,12 +48,11 @@ def prove_non_impacting(
     for first in range(0, len(which) if is_linear(source) else 0, _BLOCK):
         block = padded_to_power_of_two(which[first : first + _BLOCK])
         machine, angle = machines(source, block)
-        # The response to a load by a table is no sum of harmonics.
-        if machine is None or machine.tables is not None or len(machine.mean) != x.shape[1]:
+        if machine is None or not machine.is_periodic or len(machine.mean) != x.shape[1]:
             break
         is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
         # Not proved where a coordinate was dropped from the dataset: the machine is then another one.
-        is_proved[block] &= np.isclose(double_lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
+        is_proved[block] &= np.isclose(lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
         factor[block] = np.where(is_proved[block], contraction, np.nan)
     return is_proved, factor
 
@@ -71,17 +72,17 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     """
     modes = modes_of(machine)
     response = response_of(machine, modes)
-    left = residual_vibration(machine, modes, response, angle, (x, v)) + response.rounding
+    left = residual_vibration(machine, modes, response, angle, (x, v)) + response.of_positions
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
-    limits, rows = (double_lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
-    own = harmonics_of(machine.contacts.walls, machine, machine.contacts.num)
+    limits, rows = (lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
+    own = harmonics_of(machine.contacts.walls, machine.contacts.num, response.num_harmonics)
     for j in range(machine.contacts.num):
         row = (rows[:, j, None] @ modes.shapes)[:, 0]
         waves = (response.waves @ row[..., None])[..., 0] - own[..., j]
         room = limits[:, j] - modes.rounding * (abs(limits[:, j]) + abs(own[..., j]).sum(axis=1))
         room = room - np.real(waves[:, 0]) - np.linalg.norm(row, axis=1) * left
         is_clear &= highest(waves[:, 1:], room) < room
-    factor = np.exp(modes.decay * double_lanes_first(machine.period))
+    factor = np.exp(modes.decay * lanes_first(machine.period))
     return is_clear, np.broadcast_to(factor, left.shape)
 
 
@@ -95,12 +96,12 @@ def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:
     orders = np.arange(1, waves.shape[1] + 1)
     waves = np.broadcast_to(waves, (len(room), len(orders)))
     bound, curvature = np.abs(waves).sum(axis=1), (orders**2 * np.abs(waves)).sum(axis=1)
+    with_mean = np.pad(waves, [(0, 0), (1, 0)])
     for each in _SAMPLES if len(orders) > 1 else ():  # for one harmonic this bound is the maximum
         num = each * len(orders)
-        angles = orders[:, None] * (2 * np.pi / num * np.arange(num))
         left = np.flatnonzero(bound >= room)
         for part in np.array_split(left, 1 + len(left) * num // _ROOM):
-            samples = np.real(waves[part] @ np.exp(1j * angles))
+            samples = np.fft.fft(with_mean[part], num).real
             closer = samples.max(axis=1) + curvature[part] * (np.pi / num) ** 2 / 2
             bound[part] = np.minimum(bound[part], closer)
     return bound

@@ -9,11 +9,11 @@ is skew but for the damping, and one norm, sqrt(2 E), measures vibrations and ro
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .._machine.machine import Machine
 from .._system.checks import is_semidefinite, is_symmetric
 from .._system.waves import Waves
+from .table_waves import enough_harmonics, lanes_first, waves_of_tables
 
 # Assumed rounding error of numbers of order 1, in units of n eps.
 _SLACK = 64
@@ -46,19 +46,24 @@ class PeriodicResponse(NamedTuple):
     Attributes:
         waves: (lanes, 1 + harmonics, n).
         speeds: h W, (lanes, 1 + harmonics).
-        rounding: a bound of the error in the energy norm, (lanes,).
+        rounding: a bound of the error in the energy norm, that of harmonics left out included, (lanes,).
+        of_positions: the same of y alone.
     """
 
     waves: np.ndarray
     speeds: np.ndarray
     rounding: np.ndarray
+    of_positions: np.ndarray
+
+    @property
+    def num_harmonics(self) -> int:
+        """Number of harmonics."""
+        return self.waves.shape[1] - 1
 
 
 def modes_of(machine: Machine) -> FreeModes:
     """Modes of linear machines, lanes last: one for each motion, or one for all."""
-    inverse_mass, c, k = map(
-        double_lanes_first, (machine.contacts.inverse_mass, machine.damping, machine.stiffness)
-    )
+    inverse_mass, c, k = map(lanes_first, (machine.contacts.inverse_mass, machine.damping, machine.stiffness))
     root, spread = _root(inverse_mass)
     of_unit_mass = lambda a: np.swapaxes(root, 1, 2) @ a @ root  # noqa: E731
     unit = _SLACK * root.shape[1] * spread * float(np.finfo(machine.damping.dtype).eps)
@@ -88,12 +93,12 @@ def _root(inverse_mass: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
 
 def response_of(machine: Machine, modes: FreeModes) -> PeriodicResponse:
     """The response to the load, including that of moving stops."""
-    mean, cosine, sine = map(np.asarray, (machine.mean[None], machine.waves.cosine, machine.waves.sine))
-    mean = np.broadcast_to(mean, (1, *np.broadcast_shapes(mean.shape, cosine.shape)[1:]))
-    waves = np.broadcast_to(cosine - 1j * sine, (len(cosine), *mean.shape[1:]))
-    loads = double_lanes_first(np.concatenate([mean, waves])) @ modes.shapes
+    count = enough_harmonics(machine, modes.frequencies)
+    table = waves_of_tables(machine, count)
+    own = _of_harmonics(machine, count)
+    loads = (own if table is None else own + table.waves) @ modes.shapes
     w, eye = modes.frequencies[:, None], np.eye(len(machine.mean))[None, None]
-    speeds = double_lanes_first(machine.frequency)[:, None] * np.arange(loads.shape[1])
+    speeds = lanes_first(machine.frequency)[:, None] * np.arange(1 + count)
     s = speeds[..., None, None]
     # K, M and C in the coordinates y.
     parts = (
@@ -106,9 +111,51 @@ def response_of(machine: Machine, modes: FreeModes) -> PeriodicResponse:
     waves = (inverse @ loads[..., None])[..., 0]
     # The parts may cancel, and so may the loads that the frame adds, which are as large as its motion.
     magnified = _norm(inverse, 2) * sum(_norm(part, 2) for part in parts)
-    moved = np.linalg.solve(modes.shapes[:, None], _frame_waves(machine)[..., None])[..., 0]
+    moved = np.linalg.solve(modes.shapes[:, None], _frame_waves(machine, count)[..., None])[..., 0]
     size = (_norm(waves) + _norm(moved)) * (1 + speeds / w.min(axis=2))
-    return PeriodicResponse(waves, speeds, modes.rounding * (magnified * size).sum(axis=1))
+    error = modes.rounding * (magnified * size).sum(axis=1)
+    if table is not None:
+        rounded = _norm((table.size[:, None] @ abs(modes.shapes))[:, 0])
+        error = error + modes.rounding * _norm(inverse, 2).sum(axis=1) * rounded
+        of_y, of_u = _beyond(table.jumps @ modes.shapes[:, None], modes, speeds)
+        return PeriodicResponse(waves, speeds, error + of_y + of_u, error + of_y)
+    return PeriodicResponse(waves, speeds, error, error)
+
+
+def _of_harmonics(machine: Machine, count: int) -> np.ndarray:
+    """Amplitudes of the mean load and of its harmonics, (lanes, 1 + count, n)."""
+    mean, cosine, sine = map(np.asarray, (machine.mean[None], machine.waves.cosine, machine.waves.sine))
+    mean = np.broadcast_to(mean, (1, *np.broadcast_shapes(mean.shape, cosine.shape)[1:]))
+    waves = np.broadcast_to(cosine - 1j * sine, (len(cosine), *mean.shape[1:]))
+    return _with_harmonics(lanes_first(np.concatenate([mean, waves])), count)
+
+
+def _with_harmonics(waves: np.ndarray, count: int) -> np.ndarray:
+    """Amplitudes with zeros for further harmonics, (lanes, 1 + count, ...)."""
+    return np.pad(waves, [(0, 0), (0, 1 + count - waves.shape[1]), (0, 0)])
+
+
+def _beyond(jumps: np.ndarray, modes: FreeModes, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the harmonics above the last of `speeds`, of y and of u; infinite where modes are too fast for one.
+
+    There modes answer by their inertia, y = (w / s)^2 F and u = w F / s, but for a share q of it by stiffness and damping. The sum of
+    h^-p above H is less than H^(1 - p) / (p - 1).
+
+    Args:
+        jumps: those of the derivatives of the load of each mode, (lanes, orders, knots, n).
+        modes: the modes.
+        speeds: h W, (lanes, 1 + H).
+    """
+    w, count, speed = modes.frequencies, speeds.shape[1] - 1, speeds[:, 1]
+    slowest_left = speeds[:, -1] + speed
+    drag = np.maximum(_norm(modes.damping, 2), _norm(w[:, :, None] * modes.damping / w[:, None], 2))
+    q = (w.max(axis=1) / slowest_left) ** 2 + drag / slowest_left
+    factor = np.where(q < 1 / 2, 1 / (1 - np.minimum(q, 1 / 2)), np.inf) / np.pi
+    p = np.arange(1, jumps.shape[1] + 1)
+    sums = [_norm(jumps * w[:, None, None] ** k).sum(axis=2) for k in (2, 1)]
+    of_y = (sums[0] * float(count) ** -(p + 1) / (p + 1)).sum(axis=1) / speed**2
+    of_u = (sums[1] * float(count) ** -p / p).sum(axis=1) / speed
+    return factor * of_y, factor * of_u
 
 
 def residual_vibration(
@@ -123,7 +170,8 @@ def residual_vibration(
     The state is positions and velocities in the fixed frame at the phase `angle` of the load, (lanes, n) each.
     """
     x, v = (_solve(modes.shapes, a) for a in state)
-    w, w_rate = (_solve(modes.shapes, a) for a in _at(_frame_waves(machine), response.speeds, angle))
+    frame = _frame_waves(machine, response.num_harmonics)
+    w, w_rate = (_solve(modes.shapes, a) for a in _at(frame, response.speeds, angle))
     y, y_rate = _at(response.waves, response.speeds, angle)
     u, w_u, y_u = (a / modes.frequencies for a in (v, w_rate, y_rate))
     left = np.hypot(_norm(x - w - y), _norm(u - w_u - y_u))
@@ -131,23 +179,18 @@ def residual_vibration(
     return left + response.rounding + modes.rounding * size
 
 
-def double_lanes_first(a: ArrayLike) -> np.ndarray:
-    """Convert to double precision, with lanes first as NumPy's linear algebra requires."""
-    a = np.asarray(a)
-    return np.moveaxis(a.astype(np.result_type(a, float)), -1, 0)
-
-
-def harmonics_of(motion: Waves | None, machine: Machine, num_rows: int) -> np.ndarray:
-    """Complex amplitudes of a motion, zero if there is none, h = 0, 1, ..., (lanes, 1 + harmonics, rows)."""
+def harmonics_of(motion: Waves | None, num_rows: int, count: int) -> np.ndarray:
+    """Complex amplitudes of a motion, zero if there is none, h = 0, 1, ..., (lanes, 1 + count, rows)."""
     if motion is None:
-        return np.zeros((1, 1 + machine.waves.num_harmonics, num_rows), complex)
+        return np.zeros((1, 1 + count, num_rows), complex)
     waves = np.asarray(motion.cosine) - 1j * np.asarray(motion.sine)
-    return double_lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
+    return _with_harmonics(lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves])), count)
 
 
-def _frame_waves(machine: Machine) -> np.ndarray:
-    """Harmonics of the motion of the frame, (lanes, 1 + harmonics, n)."""
-    return harmonics_of(None if machine.frame is None else machine.frame.waves, machine, len(machine.mean))
+def _frame_waves(machine: Machine, count: int) -> np.ndarray:
+    """Harmonics of the motion of the frame, (lanes, 1 + count, n)."""
+    frame = machine.frame
+    return harmonics_of(None if frame is None else frame.waves, len(machine.mean), count)
 
 
 def _at(waves: np.ndarray, speeds: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
@@ -155,6 +156,22 @@ def coupled(
     below = _joined([0 - rows, np.zeros((m, m, *[1] * zero.ndim), zero.dtype)], 1)
     beside = _joined([damping, _transposed(rows)], 1)
     return masses, _joined([beside, below], 0), _bordered(stiffness, 0 * own)
+
+
+class ForceBesideSliders(eqx.Module):
+    """Force of a machine with Jenkins elements, as a function of all coordinates; it is zero on the stretches.
+
+    Attributes:
+        force: of time, positions and velocities of the masses.
+        count: number of elements.
+    """
+
+    force: Callable
+    count: int = eqx.field(static=True)
+
+    def __call__(self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]) -> Array:
+        n = len(x) - self.count
+        return jnp.concatenate([self.force(t, x[:n], v[:n]), jnp.zeros(self.count, x.dtype)])
 
 
 def with_more_rows(a: Reals, count: int, axis: int) -> Reals:

@@ -70,7 +70,8 @@ def check_period(system: AnySystem, args: object, x0: Numbers, v0: Numbers) -> N
 def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array) -> bool:
     """Test whether a force differs after a forcing period, in any lane; arguments as in `refuse_off_period`."""
     lanes = max(np.shape(leaf)[-1] for leaf in jax.tree.leaves((system, x, v)))
-    period = 2 * np.pi / np.asarray(system.forcing.frequency)
+    period, n = 2 * np.pi / np.asarray(system.forcing.frequency), system.num_masses
+    x, v = x[:n], v[:n]  # the force knows nothing of Jenkins elements
     filled = lambda a: np.broadcast_to(a, (len(x), lanes)).astype(period.dtype)  # noqa: E731
     xs, vs = (np.stack([filled(a) for a in states]) for states in _probes(system, x, v))
     changes = concrete(_changes(force_of(system), period, xs, vs))

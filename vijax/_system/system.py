@@ -65,7 +65,7 @@ class ImpactSystem(eqx.Module):
             `TaylorFlow`, or by `DiffraxFlow` where the force has no Taylor series. Stroboscopic maps and sweeps need a
             force that depends on t with the period of the load, or not at all.
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
-        hysteresis: any number of `vx.Jenkins`, not beside a `force` or `parametric`; event logs number them in this order after friction.
+        hysteresis: any number of `vx.Jenkins`; event logs number them in this order after friction.
         num_states: number of last coordinates of which the velocity alone counts: first-order states, such as a voltage,
             see `vx.with_states`. Their columns of K are zero, their positions are 0 in all results.
         parametric: stiffness and damping that change periodically in time, a `vx.Parametric`.
@@ -147,11 +147,6 @@ class ImpactSystem(eqx.Module):
         self._check_rows("friction", self.friction)
         self._check_rows("hysteresis", self.hysteresis)
         self._check_contacts_of_friction()
-        if self.hysteresis and self.force is not None:
-            raise ValueError(
-                "Argument `hysteresis` is for machines without `force` and `parametric`: leave one of them out, or write the force as "
-                "matrices, stops and friction."
-            )
         check_terms(parametric_of(self.force), n, self.forcing)
         self._check_values()
         if self.num_states:

@@ -29,7 +29,8 @@ def warn_of_unfelt_force(
     if force is None or system.friction or not _is_unmoved(solution, x, v):
         return
     times = np.linspace(np.asarray(span[0]), np.asarray(span[1]), _TIMES)
-    forces = np.asarray(_at_all(force, times, x, v))
+    n = system.num_masses
+    forces = np.asarray(_at_all(force, times, x[:n], v[:n]))
     acts = np.any(forces != forces[0], axis=1)
     if acts.any():
         warnings.warn(

@@ -98,7 +98,7 @@ class Canvas(NamedTuple):
         style = {"facecolor": "none", "edgecolor": ink("0.35", "0.7"), "hatch": "/////", "linewidth": 0}
         return self.rectangle(x, y, length, width, gid=gid, **style)
 
-    def double_arrow(self) -> list[Line2D]:
+    def double_arrow(self, gid: str | None = None) -> list[Line2D]:
         """Draw an arrow along the motion with a tip at each end."""
-        common = {"color": ink(), "linewidth": 1, "markersize": 5}
+        common = {"color": ink(), "linewidth": 1, "markersize": 5, "gid": gid}
         return [self.line(marker=self.tip(is_forward=bool(end)), markevery=[end], **common) for end in (0, 1)]

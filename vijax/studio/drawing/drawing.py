@@ -97,6 +97,9 @@ def draw(
     moves += [draw_pad(canvas, arrangement, pad) for pad in scheme.pads]
     for mass in scheme.grounded:
         draw_ground(canvas, arrangement, mass)
+    if scheme.base:
+        for part in canvas.double_arrow(gid="base"):
+            part.set_data([ends.mean() - 0.35, ends.mean() + 0.35], [TRAVEL, TRAVEL])
     moves += [_arrow(canvas, arrangement, i) for i in range(scheme.num_masses) if scheme.load_in_words(i)]
 
     def move(pose: Pose) -> None:
@@ -107,7 +110,8 @@ def draw(
     if scheme.has_floor_pads or not canvas.is_vertical:
         canvas.line(ends, [FLOOR, FLOOR], color=ink("0.6", "0.5"), linewidth=1, zorder=0)
     words = _words(canvas, scheme, arrangement, pose, gaps)
-    has_arrows = scheme.is_moving.any() or any(pad.support is None and pad.velocity for pad in scheme.pads)
+    has_arrows = bool(scheme.base) or scheme.is_moving.any()
+    has_arrows = has_arrows or any(pad.support is None and pad.velocity for pad in scheme.pads)
     sides = TRAVEL - 0.12 if has_arrows else FLOOR - 0.08, LOAD + 0.15, _top(scheme, arrangement)
     write = write_words_beside if canvas.is_vertical else write_words
     size = write(ax, words, np.sort(canvas.sign * ends), sides, scale, fits_axes=fits_axes)

@@ -34,7 +34,8 @@ def machine(
     Springs and dampers are derived from the matrices: an off-diagonal entry -k_ij couples two masses; the sum of all
     entries of a row ties its mass to the ground. Springs between neighbours lie in the row, others are arcs above it. A
     spring of negative stiffness is dashed. With a full mass matrix the boxes are coordinates. A hatched wall is a stop,
-    with a double arrow under it if it moves. A plate on an arm is the contact of two masses. A loose mass
+    with a double arrow under it if it moves; one under the floor is a base that moves, `vx.base_excitation`, in whose
+    frame the masses are. A plate on an arm is the contact of two masses. A loose mass
     that bounces between two ends of another one is drawn in it. Other contacts and a
     `force` are described in words below. Gears form a row like other masses, positive to the right.
 

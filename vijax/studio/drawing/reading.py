@@ -8,11 +8,12 @@ import numpy as np
 
 from ..._jax.arrays import Reals
 from ..._machine.machine import Machine
-from ..._machine.numbers import harmonic_load_of, tones_of
+from ..._machine.numbers import base_waves_of, harmonic_load_of, tones_of
 from ..._machine.switching import COMPLIANT, SwitchingContacts
 from ..._system.compliant import CompliantContact, CompliantStop
 from ..._system.force import name_of_force, whole_force
 from ..._system.forcing import Harmonic
+from ..._system.hysteresis import ForceBesideSliders
 from ..._system.restitution import (
     AbstractRestitution,
     Restitution,
@@ -24,7 +25,7 @@ from ..._system.waves import Tones, Waves
 from ..._trajectory.solution import Solution
 from ...models._nonlinear import PendulumWeight
 from ...plot._contacts import masses_of_stops
-from .scheme import NOTHING, Rubbing, Scheme
+from .scheme import NOTHING, Rubbing, Scheme, formula, harmonic_terms
 
 
 def scheme_of_system(system: ImpactSystem) -> Scheme:
@@ -33,7 +34,12 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         raise ValueError(
             f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
         )
-    n, (mean, waves) = system.num_masses, jax.tree.map(np.asarray, harmonic_load_of(system))
+    n, (mean, whole) = system.num_masses, jax.tree.map(np.asarray, harmonic_load_of(system))
+    of_base = jax.tree.map(np.asarray, base_waves_of(system))
+    waves, speeds = (
+        jax.tree.map(np.subtract, whole, of_base),
+        _speeds(whole, system.forcing.clock, tones_of(system)),
+    )
     rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
     (stiffness, damping), omitted = _drawn(
@@ -45,7 +51,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         mean,
         waves=waves,
         frequency=float(system.forcing.clock),
-        speeds=_speeds(waves, system.forcing.clock, tones_of(system)),
+        speeds=speeds,
         rows=rows,
         masses=masses_of_stops(system),
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
@@ -64,16 +70,28 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         accelerations=_accelerations(np.asarray(system.mass), mean),
         is_hung=isinstance(system.force, PendulumWeight),
         largest_of_tables=_largest_of_tables(system),
+        base=_base_in_words(system, of_base, speeds),
     )
 
 
 def _largest_of_tables(system: ImpactSystem) -> np.ndarray | None:
-    loads = [np.asarray(load.size()) for load in system.forcing.loads if not isinstance(load, Harmonic)]
-    return np.sum(loads, axis=0) if loads else None
+    tables = [load for load in system.forcing.loads if not isinstance(load, Harmonic) and not load.from_base]
+    return np.sum([np.asarray(load.size()) for load in tables], axis=0) if tables else None
 
 
-def _accelerations(mass: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    return np.linalg.solve(mass, mean) if mass.ndim == 2 else mean[: len(mass)] / mass
+def _base_in_words(system: ImpactSystem, of_base: Waves, speeds: np.ndarray) -> str:
+    """Acceleration of a base that moves, as a formula; empty for none."""
+    mass = np.asarray(system.mass)
+    cosines, sines = (-_accelerations(mass, a.T)[0] for a in (of_base.cosine, of_base.sine))
+    terms = harmonic_terms(speeds, cosines, sines, NOTHING * np.max(np.abs([cosines, sines]), initial=0.0))
+    has_table = any(load.from_base for load in system.forcing.loads if not isinstance(load, Harmonic))
+    terms += ["+ a(t)"] if has_table else []
+    return formula(terms) if terms else ""
+
+
+def _accelerations(mass: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Accelerations by forces, (n, ...)."""
+    return np.linalg.solve(mass, forces) if mass.ndim == 2 else (forces[: len(mass)].T / mass).T
 
 
 def _row(num_masses: int, coefficients: dict[int, Any]) -> np.ndarray:
@@ -135,7 +153,8 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
             Rubbing(rows[j], float(force[j]), float(velocity[j]), None if normal[j] < 0 else normal[j])
             for j in range(num_stops, contacts.num - sol.num_sliders)
         )
-    tables = machine.tables
+    tables, force = machine.tables, None if machine.extra is None else machine.extra.force
+    force = force.force if isinstance(force, ForceBesideSliders) else force
     return Scheme(
         stiffness,
         damping,
@@ -149,15 +168,14 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         restitution=words,
         is_moving=np.ptp(places, axis=0) > 0,
         is_lumped=machine.inverse_mass.ndim == 1,
-        force=None if machine.extra is None else _name(machine.extra.force),
+        force=None if force is None else _name(force),
         is_compliant=is_compliant,
         is_damped=is_damped,
         is_preloaded=is_preloaded,
         friction=friction,
         omitted=omitted,
         accelerations=inverse @ mean if inverse.ndim == 2 else inverse * mean[: len(inverse)],
-        is_hung=machine.extra is not None
-        and isinstance(whole_force(machine.extra.force.force), PendulumWeight),
+        is_hung=force is not None and isinstance(whole_force(force.force), PendulumWeight),
         largest_of_tables=None if tables is None else np.asarray(tables.bound(0)),
         of_tables=None if tables is None else lambda t: np.asarray(tables.load(tables.at(jnp.asarray(t)))),
     )

@@ -101,6 +101,7 @@ class Scheme(NamedTuple):
         is_hung: whether the force is the weight of pendulums.
         largest_of_tables: largest loads by tables, (n,); None if there are none.
         of_tables: loads by tables as a function of time, (n,); likewise.
+        base: acceleration of the base as a formula; empty where it stands still. Its inertia forces are no part of the loads.
     """
 
     stiffness: np.ndarray
@@ -125,6 +126,7 @@ class Scheme(NamedTuple):
     is_hung: bool = False
     largest_of_tables: np.ndarray | None = None
     of_tables: Callable[[float], np.ndarray] | None = None
+    base: str = ""
 
     @property
     def num_masses(self) -> int:
@@ -254,6 +256,7 @@ class Scheme(NamedTuple):
             f"friction {k}: of ${in_symbols(one.row)}$, {one.law}" for k, one in enumerate(self.friction)
         ]
         return [
+            *([f"base: $\\ddot y$ = {self.base}"] if self.base else []),
             *rows,
             *rubbing,
             *inertia,
@@ -282,20 +285,30 @@ class Scheme(NamedTuple):
         if abs(self.mean[mass]) + self.largest_varying_load[mass] <= NOTHING * self.largest_load:
             return ""
         terms = [] if self.mean[mass] == 0 else [_signed(float(self.mean[mass]))]
-        for speed, cosine, sine in zip(
-            self.speeds, self.waves.cosine[:, mass], self.waves.sine[:, mass], strict=True
-        ):
-            size, phase = float(np.hypot(cosine, sine)), float(np.arctan2(-sine, cosine))
-            if size > NOTHING * self.largest_load:
-                at_pi = abs(phase) > np.pi - NOTHING
-                shift = "" if at_pi or abs(phase) < NOTHING else f" {_signed(phase)}"
-                angle = rf"{_factor(speed)}t{shift}"
-                sign = "-" if at_pi else "+"
-                terms.append(rf"{sign} {_factor(size)}\cos({angle})")
+        waves = self.waves.cosine[:, mass], self.waves.sine[:, mass]
+        terms += harmonic_terms(self.speeds, *waves, NOTHING * self.largest_load)
         if self.largest_of_tables is not None and self.largest_of_tables[mass] > 0:
             terms.append(f"+ f_{mass}(t)")
-        words = " ".join(terms[:2]).removeprefix("+ ")
-        return f"${words}{' + ...' if len(terms) > 2 else ''}$"
+        return formula(terms)
+
+
+def harmonic_terms(speeds: np.ndarray, cosines: np.ndarray, sines: np.ndarray, least: float) -> list[str]:
+    """Terms of a sum of harmonics, each with its sign, without those of no more than a size."""
+    terms = []
+    for speed, cosine, sine in zip(speeds, cosines, sines, strict=True):
+        size, phase = float(np.hypot(cosine, sine)), float(np.arctan2(-sine, cosine))
+        if size > least:
+            at_pi = abs(phase) > np.pi - NOTHING
+            shift = "" if at_pi or abs(phase) < NOTHING else f" {_signed(phase)}"
+            angle = rf"{_factor(speed)}t{shift}"
+            terms.append(rf"{'-' if at_pi else '+'} {_factor(size)}\cos({angle})")
+    return terms
+
+
+def formula(terms: list[str]) -> str:
+    """Sum of terms with signs, after two of them with dots."""
+    words = " ".join(terms[:2]).removeprefix("+ ")
+    return f"${words}{' + ...' if len(terms) > 2 else ''}$"
 
 
 def is_distance(row: np.ndarray) -> bool:

@@ -16,10 +16,12 @@ cycle at a tolerance of 1e-6, below 1 % are classified as settling. Far more are
 phases, which look the same, interrupt chaos.
 """
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
+# Distance from a cycle, relative to the motion, below which a motion is on it: by size of a number in bytes.
+TOLERANCES: Final = {8: 1e-6, 4: 1e-3}
 # A motion that returns to within this fraction of the tolerance repeats, whatever c is: rounding errors do not shrink.
 _FLOOR = 1e-3
 # Smallest ratio of d at any smaller n to the distance from the cycle at this n.
@@ -96,3 +98,11 @@ def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     factor = np.maximum(factor, now / np.maximum(before, _TINY))
     is_near = (thirds[2] <= _NEAR) & (thirds[2] <= thirds[0])
     return last, factor, is_near | (np.diff(steps[third:], axis=0) < 0).all(axis=0)
+
+
+def periods_left(error: np.ndarray, contraction: np.ndarray, tolerance: float) -> int | None:
+    """Forcing periods until all of some motions have settled, from their last errors and rates; None if unknown."""
+    falls = (contraction > 0) & (contraction < 1) & (error > tolerance)
+    if not falls.any():
+        return None
+    return int(np.ceil(np.max(np.log(error[falls] / tolerance) / -np.log(contraction[falls]))))
