@@ -75,7 +75,7 @@ class Solution(eqx.Module):
     last_sliders: Any = None
 
     @property
-    def sliders1(self) -> Float[Array, " hysteresis"]:
+    def sliders1(self) -> Float[Array, "*batch hysteresis"]:
         """Sliders of the Jenkins elements at t1."""
         return self.x1[..., :0] if self.last_sliders is None else self.last_sliders
 
