@@ -6,7 +6,7 @@ primitive `part` is opaque to JAX. Its derivative is a part too, which computes 
 numbers that the linear map of tangents needs; a batch of it is one part of all lanes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -24,7 +24,7 @@ part = Primitive("part")
 part.multiple_results = True
 
 
-def whole_part(function: Callable[..., Arrays], arrays: Arrays, call: Callable) -> Arrays:
+def whole_part(function: Callable[..., Sequence[Array]], arrays: Arrays, call: Callable) -> Arrays:
     """Return `function(*arrays)`, called by `call(function, *arrays)` in the program: it encloses no traced arrays."""
     return _bind(jax.make_jaxpr(function)(*arrays), arrays, call)
 
