@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -84,7 +85,7 @@ def forces_of(shape: Shape, a: dict) -> dict[str, Any]:
     """Arguments of a machine for its nonlinear and parametric forces."""
     given: dict[str, Any] = {}
     if shape.is_nonlinear:
-        given["force"] = Hardening(np.asarray(a["cubic"]))
+        given["force"] = Hardening(jnp.asarray(a["cubic"]))
     if shape.is_parametric:
         given["parametric"] = vx.Parametric(
             a["swing"][None], frequency=a["frequency"], phase=a["swing_phase"]

@@ -94,12 +94,13 @@ def run(
     )
 
 
-def start_of_rest(shape: Shape, a: dict, begin, since, is_sound: np.ndarray) -> list[np.ndarray]:
+def start_of_rest(shape: Shape, a: dict, begin, since, is_sound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities from which motions go on at a time; those of runs that end before it are their starts."""
     none = np.zeros((len(since), len(shape.sliders)))
     now = run(shape, a, begin, since).start_at(-1)
     before = (np.append(a[name], none, axis=1) for name in ("x0", "v0"))
-    return [np.where(is_sound[:, None], *pair) for pair in zip(now, before, strict=True)]
+    x, v = (np.where(is_sound[:, None], *pair) for pair in zip(now, before, strict=True))
+    return x, v
 
 
 def code_of(name: str) -> int:

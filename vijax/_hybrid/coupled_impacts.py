@@ -107,7 +107,9 @@ def resolve(
     )
 
 
-def without_rounding(hit: Bool[Array, "stops ..."], speed: Float[Array, "stops ..."]) -> Bool[Array, "stops ..."]:
+def without_rounding(
+    hit: Bool[Array, "stops ..."], speed: Float[Array, "stops ..."]
+) -> Bool[Array, "stops ..."]:
     """Flags of the impacts without those whose speed is rounding beside another's: they are hit in turn, at the same instant."""
     return hit & (speed > ROUNDING * jnp.max(speed * hit, axis=0))
 
