@@ -6,7 +6,8 @@ Rounds are numbered; each draws a shape of machine and the numbers of many machi
 that is done is a line of `tally.jsonl` in the folder: the same command goes on where it was stopped or killed, and
 several at once, with other `--first` and `--stride`, share the work. A failure is repeated by
 `--round K`. With `--symmetric` the machines of a round are made symmetric. Half of the rounds, or the share `--degenerate`,
-have machines with coincidences: equal masses, gaps of zero, starts at rest, see `random_machines/degenerate.py`.
+have machines with coincidences: equal masses, gaps of zero, starts at rest, see `random_machines/degenerate.py`. From round
+10000 on machines may have wave forms, records, parametric stiffness and cubic springs as well, see `random_machines/extras.py`.
 """
 
 import argparse
@@ -20,17 +21,25 @@ from pathlib import Path
 import jax
 import numpy as np
 from random_machines.degenerate import degenerate
+from random_machines.extras import degenerate_extras, with_extras
 from random_machines.families import check_family, check_sweep
-from random_machines.machines import draw_numbers, draw_shape, own_numbers, symmetric
-from random_machines.motions import Failure, check_alone, check_motions
+from random_machines.machines import draw_numbers, own_numbers
+from random_machines.motions import check_alone, check_motions
 from random_machines.orbits import check_orbits, settled_orbits
+from random_machines.other_ways import symmetric
+from random_machines.runs import Failure
+from random_machines.shapes import draw_shape
 
 # Seed of all rounds.
 SEED = 20261124
 # Runs of a machine.
-RUNS = 8
+RUNS = 16
 # Machines of a round whose orbits are searched for.
 ORBITS = 64
+# Machines of every fourth round of which derivatives are checked.
+ALONE = 4
+# First round of machines that may have wave forms, records, parametric and nonlinear forces as well.
+EXTRAS = 10_000
 # Machines of a round that are swept and whose branches are followed, in every fourth round: their programs compile longest.
 FAMILIES = 4
 
@@ -52,16 +61,21 @@ def play(
     is_degenerate = bool(rng.random() < degenerates)
     if is_degenerate:
         numbers = degenerate(rng, shape, numbers)
+    if number >= EXTRAS:
+        its_rng = np.random.default_rng([SEED, number, EXTRAS])
+        shape, numbers = with_extras(its_rng, shape, numbers)
+        if is_degenerate:
+            numbers = degenerate_extras(its_rng, shape, numbers)
     if is_symmetric:
         shape, numbers = symmetric(shape, numbers)
     start = time.process_time()
     failures, compared = check_motions(shape, numbers, rng)
     if number % 4 == 0:
-        failures += check_alone(shape, numbers, [int(rng.integers(machines))])
+        failures += check_alone(shape, numbers, list(rng.integers(machines, size=ALONE)))
     orbits = settled_orbits(shape, numbers, list(range(min(machines, ORBITS))))
     failures += check_orbits(shape, numbers, orbits)
     counts = Counter(orbits=len(orbits))
-    for k in range(min(machines, max(families, sweeps)) if number % 4 == 3 and shape.is_driven else 0):
+    for k in range(min(machines, max(families, sweeps)) if number % 4 == 3 and shape.is_periodic else 0):
         given, its_rng = own_numbers(numbers, k), np.random.default_rng([SEED, number, k])
         faults, own = check_family(shape, given, its_rng) if k < families else check_sweep(shape, given)
         for name, excess in faults:

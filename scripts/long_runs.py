@@ -10,7 +10,8 @@ import time
 import jax
 import numpy as np
 import psutil
-from random_machines.machines import draw_numbers, draw_shape, machine
+from random_machines.machines import draw_numbers, machine
+from random_machines.shapes import draw_shape
 
 import vijax as vx
 

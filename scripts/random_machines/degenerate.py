@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .machines import Shape, largest_coefficients
+from .machines import largest_coefficients
+from .shapes import Shape
 
 # Share of the machines of a round to which each coincidence happens.
 SHARE = 0.25

@@ -9,9 +9,13 @@ import xarray as xr
 
 import vijax as vx
 
-from .machines import Shape, in_other_units, machine, own_numbers
-from .motions import MOST_STEPS, gaps, is_endless
+from .laws import gaps
+from .machines import machine, own_numbers
+from .motions import is_endless
 from .orbits import UNSTABLE, orbit_faults
+from .other_ways import in_other_units
+from .runs import MOST_STEPS
+from .shapes import Shape
 
 FREQUENCY = "forcing.frequency"
 # Periods before the record of a sweep.
@@ -120,7 +124,9 @@ def _branches_in_other_units(
     # Bounces below a velocity of 1e-6 complete a chatter: with another unit of velocity orbits have more or fewer of them.
     mass, time = 2.0 ** rng.integers(-OTHER_UNITS, OTHER_UNITS + 1, (2, 1))
     length = time
-    other = own_numbers(in_other_units({name: a[None] for name, a in own.items()}, mass, length, time), 0)
+    other = own_numbers(
+        in_other_units(shape, {name: a[None] for name, a in own.items()}, mass, length, time), 0
+    )
     its_values = values / time
     _, orbits = _swept(machine(shape, other), its_values, other["v0"])
     return orbits, _branches(orbits, its_values, backwards=True), 1 / float(time[0])

@@ -8,93 +8,70 @@ import numpy as np
 
 import vijax as vx
 
-from .machines import Shape, free, in_other_units, machine, mirrored, own_numbers, permuted
+from .laws import ROUNDING, law_faults, momentum_faults
+from .machines import machine, own_numbers
+from .other_ways import delayed, doubled, free, in_other_units, mirrored, permuted, with_knot
+from .runs import MOST_STEPS, ROOM, SAVED, Failure, Run, code_of, run, start_of_rest
+from .shapes import Shape
 
-# Number of saved states, room for events, and relative rounding that a step may add.
-SAVED, ROOM, ROUNDING = 33, 256, 1e-11
-# Bound on steps: on an elastic stop bounces never end.
-MOST_STEPS = 20_000
 # Units are powers of two, up to this one and its inverse: a change of them alters no digit. That of velocities is larger
 # than a smallest one, as bounces below 1e-6 complete a chatter: where that is less than rounding, bounces never end.
 UNITS, FASTEST = 30, 20
 # Units of mass, length and time that alter every digit: where an outcome depends on rounding, motions part at once, from less
 # than `TOGETHER` of their size to more than `APART_AT_ONCE` from one saved state to the next.
 ODD_UNITS, TOGETHER, APART_AT_ONCE = (3.0, 1 / 7, 1 / 3), 1e-11, 1e-4
+# Powers of ten by which units of mass, length, time and velocity change.
+TENS = 6
+# Relative error of Taylor series over a motion.
+OF_SERIES = 1e-9
 # Disturbances by which the growth of errors is measured; motions in which one grows more are compared no further.
 DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
+# Step of differences, and the relative one of two of them below which the motion is smooth.
+DIFFERENCE, SMOOTH = 4e-6, 1e-5
 # Share of the time span that lies between impacts that are not of one chatter.
 APART = 3e-3
 # Size of a motion that has died out: the squares of smaller numbers are zero.
 DEAD = 1e-150
 
 
-class Failure(NamedTuple):
-    """One machine that fails one check, by how much beyond the tolerance."""
+class Compared(NamedTuple):
+    """Motions of a batch of machines, and what the same motions computed in another way may differ by.
 
-    check: str
-    lane: int
-    excess: float
+    Attributes:
+        shape, a: the machines.
+        begin, end: of the motions, (lanes,).
+        whole: the motions.
+        is_sound: whether a motion came to its end, (lanes,).
+        growth: largest growth of disturbances, (lanes,).
+    """
 
+    shape: Shape
+    a: dict
+    begin: np.ndarray
+    end: np.ndarray
+    whole: Run
+    is_sound: np.ndarray
+    growth: np.ndarray
 
-class Run(NamedTuple):
-    """Results of a batch, (lanes, ...)."""
+    @property
+    def is_fair(self) -> np.ndarray:
+        """Whether a motion is compared: one that ends and does not magnify errors too much."""
+        return self.is_sound & (self.growth < MOST_GROWTH)
 
-    ts: np.ndarray
-    xs: np.ndarray
-    vs: np.ndarray
-    t: np.ndarray
-    stop: np.ndarray
-    kind: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    num_events: np.ndarray
-    result: np.ndarray
-    stretches: np.ndarray
-
-    def start_at(self, place: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities from which runs go on from a saved state, (lanes, masses and Jenkins elements)."""
-        stretches = self.stretches[:, place]
-        x, v = self.xs[:, place], self.vs[:, place]
-        return np.append(x, 0 * stretches, axis=1), np.append(v, stretches, axis=1)
-
-
-def stretches_of(sol: vx.Solution, ts: np.ndarray, system: vx.ImpactSystem) -> np.ndarray:
-    """Stretches of the Jenkins elements at times, (times, hysteresis)."""
-    if not system.hysteresis:
-        return np.zeros((len(ts), 0))
-    is_known = np.asarray(sol.known_until) >= ts  # before a motion that stopped early
-    forces = np.asarray(sol.hysteresis_force(np.where(is_known, ts, ts[0])))
-    return forces / [float(one.stiffness) for one in system.hysteresis]
+    def faults(self, name: str, xs: np.ndarray, vs: np.ndarray, part: slice = slice(None)) -> list[Failure]:
+        """Motions that differ from states computed in another way, at a part of the saved times."""
+        error = _away(self.whole, xs, vs, part).max(axis=1)
+        rounding = ROUNDING if self.shape.is_linear else OF_SERIES
+        bound = rounding * np.maximum(self.growth, 1)
+        wrong = np.flatnonzero(self.is_fair & ~(error <= bound))
+        return [Failure(name, int(k), float(error[k] / bound[k])) for k in wrong]
 
 
-def run(shape: Shape, a: dict, begin, end, x0=None, v0=None, most_steps: int | None = MOST_STEPS) -> Run:
-    """Simulate the machines one by one: one program serves all of a size, and compiles in a fraction of a batch's time."""
-    x0, v0 = a["x0"] if x0 is None else x0, a["v0"] if v0 is None else v0
-    rows = []
-    for k in range(len(begin)):
-        own = own_numbers(a, k)
-        ts = begin[k] + (end[k] - begin[k]) * np.linspace(0.0, 1.0, SAVED)
-        system = machine(shape, own)
-        sol = vx.simulate(
-            system,
-            begin[k],
-            end[k],
-            x0[k],
-            v0[k],
-            ts=ts,
-            max_events=ROOM,
-            max_steps=most_steps,
-            throw=False,
-        )
-        log = sol.events
-        own_log = log.t, log.stop, log.kind, log.velocity_minus, log.velocity_plus
-        found = ts, sol.xs, sol.vs, *own_log, sol.num_events, sol.result._value, stretches_of(sol, ts, system)
-        rows.append([np.asarray(a) for a in found])
-    return (
-        Run(*(np.stack(column) for column in zip(*rows, strict=True)))
-        if rows
-        else Run(*[np.empty(0)] * len(Run._fields))
-    )
+def _away(whole: Run, xs: np.ndarray, vs: np.ndarray, part: slice = slice(None)) -> np.ndarray:
+    """Distance of states from motions at saved times, relative to the size of the motions, (lanes, times)."""
+    places = np.abs(xs - whole.xs[:, part]).max(axis=2) / (np.abs(whole.xs).max(axis=(1, 2)) + 1e-3)[:, None]
+    speeds = np.abs(vs - whole.vs[:, part]).max(axis=2) / (np.abs(whole.vs).max(axis=(1, 2)) + 1e-3)[:, None]
+    return np.maximum(places, speeds)
 
 
 def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list[Failure], int]:
@@ -103,77 +80,83 @@ def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list
     begin = np.zeros(count)
     end = 12 * 2 * np.pi / a["frequency"]
     whole = run(shape, a, begin, end)
-    failures = _codes(shape, a, whole, begin, end)
-    is_sound = (whole.result == _code("successful")) & np.isfinite(whole.xs).all(axis=(1, 2))
-    failures += _penetration(shape, a, whole, is_sound)
-    failures += _impact_law(shape, a, whole, is_sound)
-    failures += _order(whole, is_sound)
-    if not (shape.is_driven or shape.sliders):  # whose springs have energy as well
-        failures += _energy(shape, a, whole, is_sound)
+    is_sound = (whole.result == code_of("successful")) & np.isfinite(whole.xs).all(axis=(1, 2))
     growth = _growth(shape, a, whole, begin, end, is_sound) * _grazing(whole)
-    fair = is_sound & (growth < MOST_GROWTH)
-    scale = np.abs(whole.xs).max(axis=(1, 2)) + 1e-3, np.abs(whole.vs).max(axis=(1, 2)) + 1e-3
-
-    def compare(name: str, xs: np.ndarray, vs: np.ndarray, like: Run = whole, part: slice = slice(None)):
-        error = np.maximum(
-            np.abs(xs - like.xs[:, part]).max(axis=(1, 2)) / scale[0],
-            np.abs(vs - like.vs[:, part]).max(axis=(1, 2)) / scale[1],
-        )
-        bound = ROUNDING * np.maximum(growth, 1)
-        return [
-            Failure(name, int(k), float(error[k] / bound[k]))
-            for k in np.flatnonzero(fair & ~(error <= bound))
-        ]
-
-    middle = SAVED // 2
-    # Runs that ended before it are run from their start again, and not compared.
-    is_whole = is_sound[:, None]
-    since = np.where(is_sound, whole.ts[:, middle], begin)
-    none = np.zeros((count, len(shape.sliders)))
-    x_now, v_now = (
-        np.where(is_whole, now, np.append(start, none, axis=1))
-        for now, start in zip(whole.start_at(middle), (a["x0"], a["v0"]), strict=True)
-    )
-    half = run(shape, a, since, end, x_now, v_now)
-    failures += compare("cut", half.xs[:, ::2], half.vs[:, ::2], part=slice(middle, None))
-    shift = rng.uniform(0, 1, count) * 2 * np.pi / a["frequency"]
-    orders = 1 + np.arange(shape.harmonics)[:, None]
-    if not shape.is_moving:
-        later = {**a, "phase": a["phase"] - orders * (a["frequency"] * shift)[:, None, None]}
-        moved = run(shape, later, begin + shift, end + shift)
-        failures += compare("phase", moved.xs, moved.vs)
-    units = rng.integers(-UNITS, UNITS + 1, (3, count))
-    mass, length, time = 2.0 ** np.stack([*units[:2], np.maximum(units[2], units[1] - FASTEST)])
-    other = run(shape, in_other_units(a, mass, length, time), begin * time, end * time)
-    per_length = 1 / length[:, None, None]
-    failures += compare("units", other.xs * per_length, other.vs * per_length * time[:, None, None])
-    failures += _rounding_decides(shape, a, whole, begin, end, is_sound)
+    own = Compared(shape, a, begin, end, whole, is_sound, growth)
+    failures = _codes(shape, a, whole, begin, end) + law_faults(shape, a, whole, is_sound)
+    failures += _cut(own, whole.ts[:, SAVED // 2], "cut")
+    failures += _phase(own, rng) + _units(own, rng)
     glass = run(*mirrored(shape, a), begin, end)
-    failures += compare("mirror", -glass.xs, -glass.vs)
+    failures += own.faults("mirror", -glass.xs, -glass.vs)
     if shape.masses > 1:
         order = rng.permutation(shape.masses)
         other = run(*permuted(shape, a, order), begin, end)
-        failures += compare("permutation", other.xs[..., order], other.vs[..., order])
+        failures += own.faults("permutation", other.xs[..., order], other.vs[..., order])
     if shape.contacts:
-        failures += _momentum(*free(shape, a), begin, end)
-    return failures, int(fair.sum())
+        failures += momentum_faults(*free(shape, a), begin, end)
+    if shape.pads or shape.sliders or shape.cushions:
+        twice = run(*doubled(shape, a), begin, end)
+        failures += own.faults("doubled elements", twice.xs, twice.vs)
+    at_event = _some_event(own, rng)
+    failures += _cut(own, at_event, "cut at an event")
+    if shape.load in ("wave", "table") and shape.kind != "cubic":
+        knotted = run(shape, with_knot(shape, a, at_event), begin, end)
+        failures += own.faults("knot at an event", knotted.xs, knotted.vs)
+    return failures, int(own.is_fair.sum())
 
 
-def _rounding_decides(
-    shape: Shape, a: dict, whole: Run, begin: np.ndarray, end: np.ndarray, is_sound: np.ndarray
-) -> list[Failure]:
-    """Motions that part from themselves at once in units that alter every digit: the outcome of an event depended on rounding."""
-    mass, length, time = np.outer(ODD_UNITS, np.ones(len(begin)))
-    other = run(shape, in_other_units(a, mass, length, time), begin * time, end * time)
-    per_length, rate = 1 / length[:, None, None], (time / length)[:, None, None]
-    away = np.maximum(
-        np.abs(other.xs * per_length - whole.xs).max(axis=2)
-        / (np.abs(whole.xs).max(axis=(1, 2)) + 1e-3)[:, None],
-        np.abs(other.vs * rate - whole.vs).max(axis=2) / (np.abs(whole.vs).max(axis=(1, 2)) + 1e-3)[:, None],
+def _some_event(own: Compared, rng: np.random.Generator) -> np.ndarray:
+    """Time of an event of each motion after its start, else the middle, (lanes,)."""
+    whole, middle = own.whole, own.whole.ts[:, SAVED // 2]
+    chosen = rng.integers(0, np.clip(whole.num_events, 1, ROOM))
+    at = whole.t[np.arange(len(chosen)), chosen]
+    return np.where((at > own.begin) & (at < own.end), at, middle)
+
+
+def _cut(own: Compared, since: np.ndarray, name: str) -> list[Failure]:
+    """Motions that are run to a time and go on from there end where the whole ones do."""
+    start = start_of_rest(own.shape, own.a, own.begin, since, own.is_sound)
+    later = run(own.shape, own.a, since, own.end, *start)
+    return own.faults(name, later.xs[:, -1:], later.vs[:, -1:], slice(-1, None))
+
+
+def _phase(own: Compared, rng: np.random.Generator) -> list[Failure]:
+    """Motions that begin later, with their loads, are the same."""
+    shape, a = own.shape, own.a
+    shift = rng.uniform(0, 1, len(own.begin)) * 2 * np.pi / a["frequency"]
+    if shape.is_moving or shape.load == "wave":  # which have no phase
+        return []
+    moved = run(shape, delayed(shape, a, shift), own.begin + shift, own.end + shift)
+    return own.faults("phase", moved.xs, moved.vs)
+
+
+def _units(own: Compared, rng: np.random.Generator) -> list[Failure]:
+    """Motions in other units: by powers of two, which alter no digit, by thirds and by powers of ten, which alter all."""
+    units = rng.integers(-UNITS, UNITS + 1, (3, len(own.begin)))
+    two = 2.0 ** np.stack([*units[:2], np.maximum(units[2], units[1] - FASTEST)])
+    failures = own.faults("units", *_in_units(own, two)[1:])
+    tens = rng.integers(-TENS, TENS + 1, (3, len(own.begin)))
+    ten = 10.0 ** np.stack([*tens[:2], np.maximum(tens[2], tens[1] - TENS)])
+    for name, other in (("thirds", np.outer(ODD_UNITS, np.ones(len(own.begin)))), ("tens", ten)):
+        result, xs, vs = _in_units(own, other)
+        failures += own.faults(name, xs, vs) + _rounding_decides(own, result, _away(own.whole, xs, vs))
+    return failures
+
+
+def _in_units(own: Compared, units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Results and states of the motions computed in other units of mass, length and time, (3, lanes)."""
+    mass, length, time = units
+    other = run(
+        own.shape, in_other_units(own.shape, own.a, mass, length, time), own.begin * time, own.end * time
     )
-    before = np.maximum.accumulate(np.concatenate([np.zeros((len(begin), 1)), away[:, :-1]], axis=1), axis=1)
-    parts = ((away > APART_AT_ONCE) & (before < TOGETHER)).any(axis=1)
-    wrong = np.flatnonzero(is_sound & (parts | (other.result != whole.result)))
+    return other.result, other.xs / length[:, None, None], other.vs * (time / length)[:, None, None]
+
+
+def _rounding_decides(own: Compared, result: np.ndarray, away: np.ndarray) -> list[Failure]:
+    """Motions that part from themselves at once in units that alter every digit: the outcome of an event depended on rounding."""
+    before = np.concatenate([np.zeros((len(away), 1)), away[:, :-1]], axis=1)
+    parts = ((away > APART_AT_ONCE) & (np.maximum.accumulate(before, axis=1) < TOGETHER)).any(axis=1)
+    wrong = np.flatnonzero(own.is_sound & (parts | (result != own.whole.result)))
     return [Failure("rounding decides", int(k), float(np.nanmax(away[k]) / APART_AT_ONCE)) for k in wrong]
 
 
@@ -199,21 +182,31 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
         size = float(jnp.abs(forward).max()) + 1e-2  # of what was of size 1 on its way here
         if not abs(pair[0] - pair[1]) <= 1e-9 * size:
             failures.append(Failure("forward and reverse", k, abs(pair[0] - pair[1]) / (1e-9 * size)))
+        coarse, fine = (_difference(last, start, way, step) for step in (DIFFERENCE, DIFFERENCE / 4))
+        spread, lack = np.abs(coarse - fine).max(), np.abs(fine - np.asarray(forward)).max()
+        # Beside an impact without speed, or where the order of events changes, differences say nothing.
+        if spread <= SMOOTH * size and not lack <= 10 * SMOOTH * size:
+            failures.append(Failure("derivative and difference", k, lack / (10 * SMOOTH * size)))
     return failures
 
 
-def _code(name: str) -> int:
-    return int(getattr(vx.RESULTS, name)._value)
+def _difference(function, start, way, step: float) -> np.ndarray:
+    """Central difference along a direction."""
+    ends = [
+        np.asarray(function(*(a + sign * step * b for a, b in zip(start, way, strict=True))))
+        for sign in (1, -1)
+    ]
+    return (ends[0] - ends[1]) / (2 * step)
 
 
 def _codes(shape: Shape, a: dict, whole: Run, begin: np.ndarray, end: np.ndarray) -> list[Failure]:
-    allowed = {_code("successful"), _code("max_events_reached")}
+    allowed = {code_of("successful"), code_of("max_events_reached")}
     if shape.rubs:  # the law of friction may leave no motion
-        allowed.add(_code("friction_paradox"))
+        allowed.add(code_of("friction_paradox"))
     # A motion without load dies out until the squares of its numbers underflow.
     is_dead = np.nanmin(np.abs(whole.vs).max(axis=2), axis=1) < DEAD
     may_not_end = is_endless(a) | is_dead
-    is_long = whole.result == _code("max_steps_reached")
+    is_long = whole.result == code_of("max_steps_reached")
     failed = [int(k) for k, code in enumerate(whole.result) if int(code) not in allowed]
     # Stiff machines take many steps: what the library allows by itself is enough for them.
     longer = [k for k in failed if is_long[k] and not may_not_end[k]]
@@ -231,89 +224,6 @@ def is_endless(a: dict) -> np.ndarray:
     """
     r = np.concatenate([a["restitution"], a["contact_restitution"]], axis=1)
     return (r == 1).any(axis=1) | (a["preload"] > 0).any(axis=1)
-
-
-def gaps(shape: Shape, a: dict, ts: np.ndarray, xs: np.ndarray) -> np.ndarray:
-    """Gaps of rigid stops and contacts at saved states, (lanes, times, contacts)."""
-    gaps = []
-    for j, (i, side) in enumerate(shape.stops):
-        sign = 1.0 if side == "upper" else -1.0
-        wall = sign * a["position"][:, None, j] * np.ones_like(ts)
-        if shape.is_moving and j == 0:
-            wall = wall + a["travel"][:, None] * np.cos(a["frequency"][:, None] * ts)
-        gaps.append(sign * (wall - xs[..., i]))
-    for j, (i, k) in enumerate(shape.contacts):
-        gaps.append(a["distance"][:, None, j] - (xs[..., i] - xs[..., k]))
-    return np.stack(gaps, axis=-1) if gaps else np.ones((*ts.shape, 1))
-
-
-def _penetration(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
-    scale = 1e-12 * (np.abs(whole.xs).max(axis=(1, 2)) + 1.0)
-    # A start beyond a moving stop is refused or pushed by it: its first instants are its own.
-    least = gaps(shape, a, whole.ts, whole.xs).min(axis=(1, 2))
-    return [
-        Failure("penetration", int(k), float(-least[k] / scale[k]))
-        for k in np.flatnonzero(is_sound & (least < -scale))
-    ]
-
-
-def _impact_law(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
-    """Impacts alone at their instant reverse the velocity relative to the contact, times the restitution."""
-    r = np.concatenate([a["restitution"], a["contact_restitution"]], axis=1)
-    failures = []
-    for j in range(r.shape[1]):
-        if shape.is_moving and j == 0:
-            continue
-        is_own = (whole.stop == j) & (whole.kind == vx.IMPACT) & is_sound[:, None]
-        same = np.abs(whole.t[:, :, None] - whole.t[:, None, :]) < 1e-9
-        is_alone = is_own & ((same & (whole.kind == vx.IMPACT)[:, None, :]).sum(axis=2) == 1)
-        lack = np.abs(whole.after + r[:, j : j + 1] * whole.before)
-        size = 1e-11 * (np.abs(whole.vs).max(axis=(1, 2))[:, None] + 1e-3)
-        wrong = (is_alone & (lack > size)).any(axis=1)
-        failures += [Failure("impact law", int(k), 1.0) for k in np.flatnonzero(wrong)]
-    return failures
-
-
-def _order(whole: Run, is_sound: np.ndarray) -> list[Failure]:
-    t = np.where(np.arange(whole.t.shape[1]) < whole.num_events[:, None], whole.t, np.inf)
-    later = np.diff(np.where(np.isfinite(t), t, whole.ts[:, -1:] + 1.0), axis=1) >= 0
-    is_inside = (whole.t <= whole.ts[:, -1:] * (1 + 1e-12)) | ~np.isfinite(t)
-    wrong = is_sound & ~(later.all(axis=1) & is_inside.all(axis=1))
-    return [Failure("order of the log", int(k), 1.0) for k in np.flatnonzero(wrong)]
-
-
-def _energy(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
-    energy = np.einsum("bti,bij,btj->bt", whole.vs, _matrices(shape, a), whole.vs) / 2
-    energy = energy + np.einsum("bti,bij,btj->bt", whole.xs, a["stiffness"], whole.xs) / 2
-    for j, (i, side) in enumerate(shape.cushions):
-        sign = 1.0 if side == "upper" else -1.0
-        depth = np.maximum(sign * whole.xs[..., i] - a["cushion"][:, None, j], 0)
-        energy = energy + depth * (a["preload"][:, None, j] + a["cushion_stiffness"][:, None, j] * depth / 2)
-    rise, size = np.diff(energy, axis=1).max(axis=1), 1e-11 * energy.max(axis=1) + 1e-300
-    return [
-        Failure("energy", int(k), float(rise[k] / size[k])) for k in np.flatnonzero(is_sound & (rise > size))
-    ]
-
-
-def _momentum(shape: Shape, a: dict, begin: np.ndarray, end: np.ndarray) -> list[Failure]:
-    """Momentum of machines on which nothing acts from outside."""
-    alone = run(shape, a, begin, end)
-    momenta = np.einsum("bij,btj->bti", _matrices(shape, a), alone.vs)
-    lack = np.abs(np.diff(momenta.sum(axis=2), axis=1)).max(axis=1)
-    size = ROUNDING * np.abs(momenta).max(axis=(1, 2))
-    # Rows of the stiffness add up to zero but for rounding.
-    pull = np.abs(a["stiffness"]).max(axis=(1, 2)) * np.abs(alone.xs).max(axis=(1, 2))
-    size = size + 4 * shape.masses * np.finfo(float).eps * pull * (end - begin)
-    is_sound = (alone.result == _code("successful")) & np.isfinite(alone.xs).all(axis=(1, 2))
-    return [
-        Failure("momentum", int(k), float(lack[k] / size[k]))
-        for k in np.flatnonzero(is_sound & (lack > size))
-    ]
-
-
-def _matrices(shape: Shape, a: dict) -> np.ndarray:
-    """Mass matrices, (lanes, masses, masses)."""
-    return a["mass"] if shape.is_full else np.einsum("bi,ij->bij", a["mass"], np.eye(shape.masses))
 
 
 def _grazing(whole: Run) -> np.ndarray:

@@ -6,8 +6,9 @@ import numpy as np
 
 import vijax as vx
 
-from .machines import Shape, machine, own_numbers
-from .motions import MOST_STEPS, ROOM, Failure, stretches_of
+from .machines import machine, own_numbers
+from .runs import MOST_STEPS, ROOM, Failure, stretches_of
+from .shapes import Shape
 
 # Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
 SETTLED, NEARLY = 300, 1e-4
@@ -57,7 +58,7 @@ def _other_ways(orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
 def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.PeriodicOrbit]:
     """Orbits of those among a few driven machines that settle to a period."""
     found = {}
-    for k in lanes if shape.is_driven else []:
+    for k in lanes if shape.is_periodic else []:
         system = machine(shape, own_numbers(a, k))
         period = 2 * np.pi / float(a["frequency"][k])
         ts = period * (SETTLED + np.arange(5))

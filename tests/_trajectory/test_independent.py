@@ -15,7 +15,8 @@ import vijax as vx
 
 sys.path.append(str(Path(__file__).parents[2] / "scripts"))
 
-from random_machines.machines import draw_numbers, draw_shape, machine as made
+from random_machines.machines import draw_numbers, machine as made
+from random_machines.shapes import draw_shape
 
 # Terms and length of a step: no machine here has a rate above 2.5, and (2.5 / 8)^40 / 40! < 1e-67.
 TERMS, STEP = 40, mpf(1) / 8

@@ -42,6 +42,9 @@ from .sticking import (
 )
 from .transition import Instant
 
+# Speed of an impact, relative to that of another at its instant, which is left by rounding.
+ROUNDING = 1e-12
+
 
 def first_state(
     machine: Machine,
@@ -85,7 +88,7 @@ def resolve(
 ) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then stick and release contacts; the load may jump, see `past_knots`."""
     v_minus = machine.approach(state)
-    hit = is_event & ~state.held & (v_minus > 0)
+    hit = without_rounding(is_event & ~state.held & (v_minus > 0), v_minus)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, v_minus, v_minus, zeros, arrived, state.time, zeros)
@@ -102,6 +105,13 @@ def resolve(
         lambda: _stick_and_release(machine, after, instant, is_event, torn, jumps),
         lambda: (after, instant),
     )
+
+
+def without_rounding(
+    hit: Bool[Array, "stops ..."], speed: Float[Array, "stops ..."]
+) -> Bool[Array, "stops ..."]:
+    """Flags of the impacts without those whose speed is rounding beside another's: they are hit in turn, at the same instant."""
+    return hit & (speed > ROUNDING * jnp.max(speed * hit, axis=0))
 
 
 def impact(
@@ -131,8 +141,9 @@ def struck_speeds(machine: Machine, state: State, instant: Instant) -> Struck:
     contacts = machine.contacts
     speed = jnp.where(instant.hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
-    # Those with leading zeros of their gap touch: what others keep closed, and what forces pull apart from this instant on.
-    return Struck(speed, restitution, contacts.is_rigid & (state.held | (state.contact >= 2)))
+    # Those with three leading zeros of their gap touch. What a force pulls apart has a gap just after this instant, so it is hit by
+    # itself, in turn, however short its flights are.
+    return Struck(speed, restitution, contacts.is_rigid & (state.held | (state.contact >= 3)))
 
 
 def after_impulses(

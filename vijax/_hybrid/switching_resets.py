@@ -19,7 +19,7 @@ from .._machine.machine import Machine, state_before_contact
 from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State
 from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._system.checks import is_touching
-from .coupled_impacts import impact
+from .coupled_impacts import impact, without_rounding
 from .decision import AtRest, Decision, decide, no_decision
 from .entries import logged
 from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
@@ -92,6 +92,7 @@ def resolve(
     events = Zeros(is_event[:num], is_event[num:])
     speed = sliding_velocity(machine, state)
     hit = events.first & machine.contacts.are(RIGID) & ~state.held & ~state.is_kept_closed & (speed > 0)
+    hit = without_rounding(hit, speed)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, no_switches(state))
