@@ -21,14 +21,26 @@ def oscillator(amplitude):
     return vx.ImpactSystem([1.0], [[0.04]], [[1.0]], vx.Harmonic([amplitude], 0.84091), [stop])
 
 
-def test_cycles_corrected_side_by_side_are_those_corrected_alone():
+def impacting():
     amplitudes = 0.36, 0.38, 0.4, 0.42
-    impacting = [
-        vx.periodic_orbit(oscillator(a), [0.43252758], [0.148], 2, max_events=32) for a in amplitudes
-    ]
+    found = [vx.periodic_orbit(oscillator(a), [0.43252758], [0.148], 2, max_events=32) for a in amplitudes]
     # One without impacts: lanes have different numbers of events.
-    orbits = [*impacting, vx.periodic_orbit(oscillator(0.2), [0.0], [0.0], 2, max_events=32)]
-    starts = starting_orbits(orbits)
+    return [*found, vx.periodic_orbit(oscillator(0.2), [0.0], [0.0], 2, max_events=32)]
+
+
+def sticking():
+    def machine(amplitude):
+        load = vx.Harmonic([amplitude], 0.2)
+        return vx.ImpactSystem([1.0], [[0.4]], [[1.0]], load, [vx.Stop(0, 0.25, "upper", 0.0)])
+
+    found = [vx.periodic_orbit(machine(a), [0.0], [0.0], max_events=32) for a in (0.4, 0.45)]
+    assert all(np.any(np.asarray(orbit.events.kind) == vx.RELEASE) for orbit in found)
+    return found
+
+
+@pytest.mark.parametrize("make", [impacting, sticking])
+def test_cycles_corrected_side_by_side_are_those_corrected_alone(make):
+    starts = starting_orbits(make())
     families = families_of(starts, AMPLITUDE, 0.1, 0.5)
     rows = []
     for family, point in zip(families, points_of(starts, families), strict=True):

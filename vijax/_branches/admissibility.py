@@ -437,8 +437,13 @@ def _refined(course: Course, reading: Reading, gaps: _Minima, forces: _Minima) -
 
     def refined() -> tuple[Array, Array]:
         rows = jnp.arange(2 * num), values, flights, jnp.moveaxis(sinces, 1, 0)
-        # Readings of many cycles are vectorised over these.
-        return jax.vmap(one)(*rows) if flights.ndim == 1 else jax.lax.map(lambda row: one(*row), rows)
+        if flights.ndim == 1:
+            return jax.vmap(one)(*rows)
+        # Readings of many cycles are vectorised over these. Mostly no stop holds in any: then no force has a minimum.
+        is_any_there = lambda value: jnp.any(jnp.isfinite(value))  # noqa: E731
+        as_it_is = lambda row: (row[1], row[3][0])  # noqa: E731
+        of_row = lambda row: jax.lax.cond(is_any_there(row[1]), lambda row: one(*row), as_it_is, row)  # noqa: E731
+        return jax.lax.map(of_row, rows)
 
     values, since = jax.lax.cond(is_any(jnp.isfinite(values)), refined, lambda: (values, sinces[0]))
     return tuple(a.reshape(2, num, *a.shape[1:]) for a in (values, starts + since))

@@ -21,7 +21,8 @@ from .._trajectory.results import RESULTS
 from .._trajectory.single_call import run_for_log
 from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
 from .batch_corrector import can_correct_many, correct_many
-from .batch_margins import margins_of_cycles
+from .batch_margins import margins_of_cycles, rates_of_cycles
+from .batch_moments import moments_of_cycles
 from .corrector import Corrected, correct, evaluate_at
 from .parameter_family import ExtendedCycle, ParameterFamily
 
@@ -101,25 +102,17 @@ def corrected_cycles(
     try:
         with jax.numpy_rank_promotion("allow"):  # numbers of all lanes go with those of each
             found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
-        found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
-        places = jax.vmap(_place_of)(found, guesses)
-        moments = jax.vmap(_moments_of)(families, sequences, found, places)
-        watched = margins_of_cycles(families, sequences, places, moments[0][0])
+            found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
+            places = jax.vmap(_place_of)(found, guesses)
+            moments = moments_of_cycles(families, sequences, places, found.tangent)
+        watched = margins_of_cycles(families, sequences, places, moments[0].begins)
+        own = families, sequences, places, found.tangent.p, moments, watched
+        is_plain = watched.gap.shape[1] and not sequences.is_switching
+        moved = rates_of_cycles(*own) if is_plain else jax.vmap(_rates_along)(*own)
     except NotImplementedError:  # a law of restitution may be made of anything
         return jax.vmap(corrected_cycle)(*given)
-
-    def one(
-        family: ParameterFamily,
-        sequence: Sequence,
-        found: Corrected,
-        place: ExtendedCycle,
-        moments: _Moments,
-        watched: LeastMargins,
-    ) -> CorrectedCycle:
-        equations = CycleEquations.of(family, sequence, place)
-        return _with_rates(family, equations, found, place, moments, watched)
-
-    return jax.vmap(one)(families, sequences, found, places, moments, watched)
+    starts = jax.vmap(_start_of)(families, sequences, places)
+    return CorrectedCycle(found, watched, moved, starts, jnp.full((len(starts), PAST), jnp.nan, starts.dtype))
 
 
 def _place_of(found: Corrected, guess: ExtendedCycle) -> ExtendedCycle:
@@ -172,12 +165,6 @@ def _moments(
     return jax.jvp(moments_at, (place,), (found.tangent,))
 
 
-def _moments_of(
-    family: ParameterFamily, sequence: Sequence, found: Corrected, place: ExtendedCycle
-) -> _Moments:
-    return _moments(family, CycleEquations.of(family, sequence, place), found, place)
-
-
 def _with_rates(
     family: ParameterFamily,
     equations: CycleEquations,
@@ -187,16 +174,43 @@ def _with_rates(
     watched: LeastMargins,
 ) -> CorrectedCycle:
     """The corrected cycle with its margins, and their rates along the branch."""
+    rates = _rates_at(equations, place.p, found.tangent.p, moments, watched)
+    start = _start_in_space(family, equations.problem, place)
+    return CorrectedCycle(found, watched, rates, start, jnp.full(PAST, jnp.nan, start.dtype))
 
-    def levels_at(moments: tuple[Moment, Array], p: Scalar) -> Margins:
-        return margins_at(equations.at(p), *moments, watched)
+
+def _rates_at(
+    equations: CycleEquations, p: Scalar, along: Scalar, moments: Any, watched: LeastMargins
+) -> Margins:
+    """Rates of margins, from moments and their rates and from the rate of the parameter."""
+
+    def levels_at(moments: Any, p: Scalar) -> Margins:
+        begins, speeds = moments
+        return margins_at(equations.at(p), begins, speeds, watched)
 
     now, rates = moments
-    rates = jax.jvp(levels_at, (now, place.p), (rates, found.tangent.p))[1]
-    problem, unknowns = equations.problem, family.unknowns(place)
+    return jax.jvp(levels_at, (now, p), (rates, along))[1]
+
+
+def _rates_along(
+    family: ParameterFamily,
+    sequence: Sequence,
+    place: ExtendedCycle,
+    along: Scalar,
+    moments: Any,
+    watched: LeastMargins,
+) -> Margins:
+    return _rates_at(CycleEquations.of(family, sequence, place), place.p, along, moments, watched)
+
+
+def _start_in_space(family: ParameterFamily, problem: Problem, place: ExtendedCycle) -> Array:
+    unknowns = family.unknowns(place)
     start = start_in_middle(problem, unknowns) if family.is_autonomous else unknowns.z
-    past = jnp.full(PAST, jnp.nan, start.dtype)
-    return CorrectedCycle(found, watched, rates, start - frame_offset(problem), past)
+    return start - frame_offset(problem)
+
+
+def _start_of(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> Array:
+    return _start_in_space(family, family.problem(sequence, place.p), place)
 
 
 class Begun(NamedTuple):
