@@ -267,6 +267,8 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
         carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
     )
     first = _with_tangents(first)
+    if in_kernel:  # of a long record, whose loop XLA does not move into a kernel as a whole
+        task, first = not_constant((task, first))
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
