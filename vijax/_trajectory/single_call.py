@@ -54,13 +54,15 @@ def _end_of(solution: Solution) -> tuple:
 def _run_whole(whole: _Whole) -> Solution:
     machine, flow, request, choices = whole
     numbers = _in_numbers(machine)
-    prepared = prepare_loop(numbers, flow, request, choices)
-    in_kernel = steps_fit_one_kernel(numbers, flow, UNROLLED_ALONE)
-    if in_kernel and prepared[0].machine.contacts.is_switching:
+    task, carry = prepare_loop(numbers, flow, request, choices)
+    is_arithmetic = steps_fit_one_kernel(numbers, flow, UNROLLED_ALONE)
+    if is_arithmetic and task.machine.contacts.is_switching:
         # A step with switches of forces is too large for one kernel to compile soon.
-        task, carry = not_constant(prepared)
+        task, carry = not_constant((task, carry))
         return finish(task, in_parts(while_any, task, carry), request, choices)
-    return finish(*run_prepared(*prepared, in_kernel=in_kernel), request, choices)
+    # Steps between the knots of a record are many and small.
+    task, last = run_prepared(task, carry, in_kernel=is_arithmetic and task.machine.tables is not None)
+    return finish(task, last, request, choices)
 
 
 def _repeat_whole(whole: _Whole, wanted: Solution) -> Solution:
