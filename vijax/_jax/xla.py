@@ -409,10 +409,10 @@ def while_any(task: AbstractTask, carry: Any) -> Any:
     return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
 
-def differentiable(function: Callable, tree: Any, **derivatives: Any) -> Any:
+def differentiable(function: Callable, tree: Any, *, has_parts: bool = False, **derivatives: Any) -> Any:
     """Return `function(tree)`, with `derivatives` as `with_derivatives` takes them.
 
-    Outside of a larger program it is compiled lightly, see `compile_lightly`.
+    Outside of a larger program it is compiled lightly, see `compile_lightly`; `has_parts` if it calls `in_parts`.
     """
     # NumPy arrays would be compiled into the program.
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
@@ -420,7 +420,8 @@ def differentiable(function: Callable, tree: Any, **derivatives: Any) -> Any:
         return _plainly_differentiable(function, derivatives.get("smooth"), tree)
     if jax.default_backend() != "cpu":
         derivatives = derivatives | {"many": None, "smooth_many": None}
-    return with_derivatives(function, tree, compiled=_jit_of_parts, **derivatives)
+    compiled = _jit_of_parts if has_parts else jit_lightly
+    return with_derivatives(function, tree, compiled=compiled, **derivatives)
 
 
 def jit_lightly(function: Callable, name: Any = None) -> Callable:
@@ -434,7 +435,7 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
 
 
 def _jit_of_parts(function: Callable) -> Callable:
-    """`jit_lightly` for functions that may call `in_parts`."""
+    """`jit_lightly` for functions that call `in_parts`."""
     return wraps(function)(Programs(function, _options_of_parts, static_numbers=False))
 
 

@@ -44,7 +44,11 @@ def run_single_call(
     whole = machine, flow, request, choices
     # Without a flow map, derivatives go along with the steps.
     again = {"smooth": _repeat_whole, "smooth_many": _repeat_many} if flow.has_flow_map else {}
-    return differentiable(_run_whole, whole, many=_run_many, watch=watched, always=_end_of, **again)
+    is_numbers = isinstance(machine, MachineNumbers)
+    has_parts = machine.laws is not None if is_numbers else machine.is_switching
+    return differentiable(
+        _run_whole, whole, has_parts=has_parts, many=_run_many, watch=watched, always=_end_of, **again
+    )
 
 
 def _end_of(solution: Solution) -> tuple:
