@@ -26,11 +26,7 @@ part.multiple_results = True
 
 def whole_part(function: Callable[..., Sequence[Array]], arrays: Arrays, call: Callable) -> Arrays:
     """Return `function(*arrays)`, called by `call(function, *arrays)` in the program: it encloses no traced arrays."""
-    return _bind(jax.make_jaxpr(function)(*arrays), arrays, call)
-
-
-def _bind(program: Any, arrays: Arrays, call: Callable) -> Arrays:
-    return part.bind(*arrays, program=program, call=call)
+    return part.bind(*arrays, program=jax.make_jaxpr(function)(*arrays), call=call)
 
 
 def _evaluate(*arrays: Array, program: Any, call: Callable) -> Arrays:

@@ -227,7 +227,7 @@ def _repeat_jvp(primals, tangents):
     (out, rest), lin = call(linearized, moving, still)
     # XLA refuses large sums in a kernel, as products of matrices of contacts become where many tangents are side by side.
     contacts = primals[0].machine.contacts
-    push = compute_once if contacts.is_coupled or call is in_parts else call
+    push = compute_once if contacts.is_coupled else call
     change = push(lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None))
     return eqx.combine(out, rest), change
 
@@ -258,17 +258,14 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
     """
     recorder = _Recorder(stop_gradients(task))
     begun = _blank_recording(stop_gradients(carry))
-    call = compute_once
-    if in_kernel:
-        recorder, begun = not_constant((recorder, begun))
-        # The step of a machine whose forces switch is too large for one kernel to compile soon.
-        call = in_parts if task.machine.contacts.is_switching else _in_kernel
     first = Repetition(
         carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
     )
-    first = _with_tangents(first)
-    if in_kernel:  # of a long record, whose loop XLA does not move into a kernel as a whole
-        task, first = not_constant((task, first))
+    first, call = _with_tangents(first), compute_once
+    if in_kernel:
+        recorder, begun, task, first = not_constant((recorder, begun, task, first))
+        # The step of a machine whose forces switch is too large for one kernel to compile soon.
+        call = in_parts if task.machine.contacts.is_switching else _in_kernel
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
