@@ -179,3 +179,38 @@ def test_a_load_that_begins_with_no_force_lifts_a_body_off_in_few_steps():
         np.testing.assert_allclose(
             end(bodies, [0.0, 1.0, 2.0, 3.0]).x1, [0, 1, 2, 3 + lifted], rtol=0, atol=1e-12
         )
+
+
+ROW = [vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.5), vx.Contact({1: 1.0, 2: -1.0}, 0.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("masses", "stops"),
+    [
+        ([1.0], [vx.Stop(0, 0.0, "lower", 0.5)]),
+        ([2.5], [vx.Stop(0, 0.0, "lower", 0.0)]),
+        pytest.param([1.0, 3.0], ROW[:1], marks=pytest.mark.slow),
+        pytest.param([1.0, 0.2, 3.0], ROW, marks=pytest.mark.slow),
+    ],
+)
+def test_so_it_does_off_rigid_contacts(masses, stops):
+    num, size, w, end = len(masses), 0.3, 0.7, 3.0
+
+    def last(size):
+        last_alone = jnp.zeros(num).at[-1].set(size)
+        load = vx.Harmonic(-last_alone, w, mean=last_alone)
+        system = vx.ImpactSystem(masses, np.zeros((num, num)), np.zeros((num, num)), load, stops)
+        sol = vx.simulate(system, 0.0, end, np.zeros(num))
+        return sol.x1, sol.num_steps
+
+    lifted = (end**2 / 2 - (1 - np.cos(w * end)) / w**2) / masses[-1]
+    x, steps = last(size)
+    assert steps < 60
+    np.testing.assert_allclose(x, [0.0] * (num - 1) + [size * lifted], rtol=1e-12, atol=1e-15)
+    # Of one trajectory, and of a batch of loads.
+    slope = jax.jacfwd(lambda size: last(size)[0])(size)
+    np.testing.assert_allclose(slope[-1], lifted, rtol=1e-12)
+    sizes = jnp.array([1e-6, 0.3, 50.0])
+    x, steps = jax.vmap(last)(sizes)
+    assert steps.max() < 60
+    np.testing.assert_allclose(x[:, -1], sizes * lifted, rtol=1e-12)

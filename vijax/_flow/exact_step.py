@@ -219,7 +219,7 @@ def _bound(
 ) -> Bound:
     """Bound the guard of every contact from below."""
     rests = own or compute_once(motion.rest, machine, limit)
-    of = lambda guard: _bound_of(guard, rests, machine, state, motion, limit, hold)  # noqa: E731
+    of = lambda guard: _bound_of(guard, rests, machine, state, motion, hold)  # noqa: E731
     return select_active(machine, state, of)
 
 
@@ -228,7 +228,7 @@ def _bound_of_gap(
 ) -> Bound:
     """Lower bound of every gap, where no mass is held."""
     rests = own or (compute_once(_rest_of_gap, motion, machine, limit),)
-    return _bound_of(GAP, rests, machine, state, motion, limit, None)
+    return _bound_of(GAP, rests, machine, state, motion, None)
 
 
 def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
@@ -241,7 +241,6 @@ def _bound_of(
     machine: Machine,
     state: State,
     motion: Expansion,
-    limit: Scalar,
     hold: Held,
 ) -> Bound:
     """Bound a guard by its Taylor coefficients and their remainder."""
@@ -252,10 +251,10 @@ def _bound_of(
         rest = guard.rest(machine, rests, hold)
     if guard.leading_zeros is not None and third:
         order = guard.leading_zeros(state)
-        return divided_bound((value, slope, curvature / 2, third[0] * (1 / 6)), rest, order, limit)
+        return divided_bound((value, slope, curvature / 2, third[0] * (1 / 6)), rest, order)
     if guard.leading_zeros is not None:
         return divided_bound_of_two((value, slope, curvature / 2), rest, guard.leading_zeros(state))
-    return Bound(jnp.maximum(value, 0), slope, curvature / 2, rest)
+    return Bound(jnp.maximum(value, 0), slope, curvature / 2, rest, jnp.zeros_like(rest))
 
 
 def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> State:
