@@ -263,7 +263,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     if sequence.is_switching:
         gaps, forces = _with_cut_guards(course, k, (before, now), is_on & is_first, (gaps, forces))
     # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass, unless others keep it.
-    rests = is_on & is_first & ~held & _of_guards(sequence, _is_after_plastic(course, k))
+    rests = is_on & is_first & ~held & _of_first_guards(sequence, _is_after_plastic(course, k))
     rests = rests if idle is None else rests & ~idle
     rises = scan.rises.lowered(rests, now.gap[2], since, k)
     following, sample = jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1)
@@ -395,6 +395,11 @@ def _numbers(of_stops: Array) -> Array:
 def _of_guards(sequence: CycleEvents, of_stops: Array) -> Array:
     """Flags of guards from those of their contacts: one guard a contact, two where forces switch."""
     return jnp.concatenate([of_stops, of_stops]) if sequence.is_switching else of_stops
+
+
+def _of_first_guards(sequence: CycleEvents, of_stops: Array) -> Array:
+    """The same of the first guards alone: a rigid stop has no second one, whose margins would be zero."""
+    return jnp.concatenate([of_stops, jnp.zeros_like(of_stops)]) if sequence.is_switching else of_stops
 
 
 def _idle_guards(sequence: CycleEvents, mode: Array) -> Array | None:
