@@ -70,7 +70,11 @@ def _add_to_own(ax: Axes, markersize: float | None, is_covered: bool, options: d
     if (before := ax.get_legend()) is not None:
         _widen(ax, -_width_beside(before))
         before.remove()
-    found = None if is_covered else _best_place(ax, _legend(ax, markersize, options), _SMALL, _drawn(ax, counts_meshes=True))
+    found = (
+        None
+        if is_covered
+        else _best_place(ax, _legend(ax, markersize, options), _SMALL, _drawn(ax, counts_meshes=True))
+    )
     if found is not None and found[0] == 0:
         _legend(ax, markersize, options | _INSIDE, found[1])
         return
