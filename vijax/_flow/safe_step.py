@@ -88,18 +88,19 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     Returns:
         The step, and True if the lower bound crosses zero there with a slope.
     """
-    a0, a1, a2 = bound.a0, bound.a1, bound.a2
-    tiny = jnp.finfo(jnp.result_type(a0)).tiny
-    no_fall = lost_fall(jnp.result_type(a0))
+    a1, a2, twice_a0 = bound.a1, bound.a2, bound.a0 + bound.a0
+    tiny = jnp.finfo(jnp.result_type(a1)).tiny
+    no_fall = lost_fall(jnp.result_type(a1))
 
     def within(trial: Scalar) -> tuple[Scalar, Flag, Scalar]:
         """Root of the bound up to a trial, or the trial; whether it has none; and its slope at the root."""
         fall = (bound.rest + bound.later * trial) * trial - a2
-        under_root = a1 * a1 + 4 * fall * a0
-        root = jnp.sqrt(jnp.maximum(under_root, 0))
+        twice = fall + fall
+        under_root = a1 * a1 + twice * twice_a0
+        root = jnp.sqrt(jnp.abs(under_root))  # not read where it is negative
         # Form of the root without cancellation; one division, as divisions are slow.
         falls = a1 < 0
-        over, under = jnp.where(falls, 2 * a0, a1 + root), jnp.where(falls, root - a1, 2 * fall)
+        over, under = jnp.where(falls, twice_a0, a1 + root), jnp.where(falls, root - a1, twice)
         never = (under_root < 0) | (~falls & (fall <= no_fall))
         return jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial)), never, root
 
