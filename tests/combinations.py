@@ -175,7 +175,10 @@ KINDS = {
         lambda w, s: machine(w, s, stops=[vx.CompliantStop(0, 0.0, "upper", 0.5)]),
         lambda w, s: machine(w, s, force=Choice(0.5, 0.0)),
     ),
-    "friction": Kind(lambda w, s: rubbing(w, s, CONSTANT), lambda w, s: rubbing(w, s, PRESSED)),
+    "friction": Kind(
+        lambda w, s: machine(w, s, friction=[vx.Friction(0, 0.05)]),
+        lambda w, s: machine(w, s, friction=[vx.Friction(0, 0.02), vx.Friction(0, 0.03)]),
+    ),
     "friction of a contact": Kind(lambda w, s: rubbing(w, s, PRESSED), lambda w, s: rubbing(w, s, CONSTANT)),
     "Jenkins element": Kind(
         lambda w, s: machine(w, s, stiffness=0.95, hysteresis=[vx.Jenkins(0, 0.05, 0.0025)]),

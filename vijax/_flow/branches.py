@@ -163,7 +163,7 @@ def _distances(series: Series | LoopSeries, s: int, mode: Scalar) -> list[tuple[
 def changes_at(
     series: Series | LoopSeries, modes: tuple[Scalar, ...], step: Scalar
 ) -> tuple[Branches, Scalar]:
-    """Changes at the end of a step that ended on one, and a zero with the derivatives of the time of them.
+    """Changes at the end of a step that ended on one, and a zero with the first and second derivatives of the time of them.
 
     Changes at one instant move together, or the force does not jump.
     """
@@ -176,7 +176,10 @@ def changes_at(
             size = horner([jnp.abs(a) for a in c], step) + jnp.abs(series.guard(s, 0))
             is_met = (jnp.abs(value) <= _ROUNDINGS * float(jnp.finfo(size.dtype).eps) * size) & (slope < 0)
             is_met = still(is_met & (step > 0))
-            delay = jnp.where(is_met, -(value - still(value)) / still(jnp.where(is_met, slope, 1)), delay)
+            falls = jnp.where(is_met, slope, -1)
+            first = -(value - still(value)) / falls
+            bend = horner(derivative(derivative(c)), step)
+            delay = jnp.where(is_met, first - bend / (2 * falls) * first * first, delay)
             is_changed, change = is_changed | is_met, jnp.where(is_met, float(side), change)
         changes.append(is_changed)
         steps.append(change)

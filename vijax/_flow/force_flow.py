@@ -23,12 +23,13 @@ from .._machine.state import State, with_memory
 from .._series.motion_bound import has_motion_bound
 from .._series.order_loop import LoopSeries
 from .._series.plan import Plan
-from .._series.series import Series, force_at
+from .._series.series import Series
 from .arrival import arrival_of
 from .branches import DECIDING, Branches, branches_ahead, changes_at, modes_now, unknown_branches
+from .delayed_branches import gain_of_delay
 from .exact_step import ExpandingFlow, flight_along, move_along, state_after_step
 from .force_plan import plan_of
-from .force_series import LONGEST_PHASE, ForceSeries, force_series, in_space
+from .force_series import LONGEST_PHASE, ForceSeries, force_series
 from .interface import Flight
 from .orders import Orders, as_array, slope_of, value_of
 from .series import derivative, horner, sum_series
@@ -188,11 +189,8 @@ class ForceFlow(ExpandingFlow):
             return displacement, v, change
         branches, delay = changes_at(found.series, modes, jnp.abs(step))
         moved = state_after_step(machine, state, displacement, v, change, step)
-        before, after = jax.lax.stop_gradient(
-            [_acceleration(plan, machine, moved, hold, m) for m in (branches.modes, branches.at_end())]
-        )
-        # A motion that jumps to another branch later by dt has gained (before - after) dt more.
-        return displacement, v + (before - after) * delay, change
+        gain = gain_of_delay(plan, machine, moved, hold, (branches.modes, branches.at_end()), delay)
+        return displacement + gain * delay / 2, v + gain, change
 
     def inside(self, machine: Machine, state: State, hold: Held) -> Any:
         """Expand the motion once."""
@@ -381,13 +379,3 @@ def _consistent(
         return compute_once(is_consistent, plan, machine, state, hold, modes, motion, step, tolerance)
 
     return shortened(limit, is_good, 1 / 4, _MOST_CUTS)
-
-
-def _acceleration(plan: Plan, machine: Machine, state: State, hold: Held, modes: tuple[Scalar, ...]) -> Array:
-    """Accelerations of the masses in the branches of the force that the modes say."""
-    assert machine.extra is not None
-    x, v = in_space(machine, state.phase, state.x, state.v)
-    own = force_at(plan, machine.extra.force, machine.clock(state), x, v, modes)
-    return machine.contacts.accelerations(
-        machine.force(state.phase, state.x, state.v) + own, hold, state.phase
-    )
