@@ -84,3 +84,31 @@ def axes_of(film) -> tuple:
     """Axes of a film after its first frame: a film that is never drawn warns."""
     film._fig.canvas.draw()
     return tuple(film._fig.axes)
+
+
+# Numbers of connections between masses and to the ground, by springs and by dampers.
+LINKS = [
+    ("wagg_bishop_a", 2, 2),
+    ("two_sided_oscillator", 1, 0),
+    ("impact_damper", 1, 0),
+    ("gear_pair", 0, 0),
+    ("bead_column", 0, 0),
+    ("twenty masses", 20, 20),
+    ("ring", 6 + 2, 0),
+    ("nothing but a mass", 0, 0),
+]
+
+
+def cavity_with(ends: list, friction: list) -> vx.ImpactSystem:
+    """Mass 1 between two ends of mass 0."""
+    held = np.diag([1.0, 0.0])
+    return vx.ImpactSystem([1.0, 0.2], 0 * held, held, vx.Harmonic([1.0, 0.0], 1.0), ends, friction=friction)
+
+
+def rigid_ends() -> list:
+    rows = {1: 1.0, 0: -1.0}, {0: 1.0, 1: -1.0}
+    return [vx.Contact(row, 0.5, 0.6) for row in rows]
+
+
+def height_of(patch: Rectangle) -> tuple[float, float]:
+    return patch.get_y(), patch.get_y() + patch.get_height()

@@ -8,8 +8,21 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from drawings import SEEN, grey
-from drawn_machines import MODELS, boxes, called, displacements, middle, picture_of, ring, wall_at, words
-from matplotlib.patches import Rectangle
+from drawn_machines import (
+    LINKS,
+    MODELS,
+    boxes,
+    called,
+    cavity_with,
+    displacements,
+    height_of,
+    middle,
+    picture_of,
+    rigid_ends,
+    ring,
+    wall_at,
+    words,
+)
 
 import vijax as vx
 from vijax.studio.drawing.arrangement import arrangement_of
@@ -20,18 +33,6 @@ ROUNDING = 1e-13
 # Loads derived from a machine in the frame of its stops are differences of forces.
 RECOVERED = 1e-12
 END = 12.0
-
-# Numbers of connections between masses and to the ground, by springs and by dampers.
-LINKS = [
-    ("wagg_bishop_a", 2, 2),
-    ("two_sided_oscillator", 1, 0),
-    ("impact_damper", 1, 0),
-    ("gear_pair", 0, 0),
-    ("bead_column", 0, 0),
-    ("twenty masses", 20, 20),
-    ("ring", 6 + 2, 0),
-    ("nothing but a mass", 0, 0),
-]
 
 
 @pytest.mark.parametrize(("name", "num_springs", "num_dampers"), LINKS)
@@ -238,21 +239,6 @@ def test_a_loose_mass_is_drawn_in_its_container(number):
     assert cavity.get_x() + cavity.get_width() < outside.get_x() + outside.get_width() < beside.get_x()
     (line,) = (line for line in called(ax, "spring") if max(line.get_xdata()) > middle(outside))
     assert line.get_xdata()[0] == pytest.approx(outside.get_x() + outside.get_width())
-
-
-def cavity_with(ends: list, friction: list) -> vx.ImpactSystem:
-    """Mass 1 between two ends of mass 0."""
-    held = np.diag([1.0, 0.0])
-    return vx.ImpactSystem([1.0, 0.2], 0 * held, held, vx.Harmonic([1.0, 0.0], 1.0), ends, friction=friction)
-
-
-def rigid_ends() -> list:
-    rows = {1: 1.0, 0: -1.0}, {0: 1.0, 1: -1.0}
-    return [vx.Contact(row, 0.5, 0.6) for row in rows]
-
-
-def height_of(patch: Rectangle) -> tuple[float, float]:
-    return patch.get_y(), patch.get_y() + patch.get_height()
 
 
 @pytest.mark.thorough

@@ -1,4 +1,4 @@
-"""Margins between the events of many cycles at once: the scan of `admissibility.py`, every number an array over lanes."""
+"""Margins between the events of many cycles at once: the scan of `margin_scan.py`, every number an array over lanes."""
 
 from typing import Any
 

@@ -5,10 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from .._hybrid.limits import CLOSE, IMPACT, RELEASE, SLIP
-from .._machine.kinds import RIGID
-from .._machine.switching import kinds_of_elements
 from .._orbits.sequence import SECOND, Sequence
-from .._system.system import machine_of
 from .branch import Bifurcation, Peak, cycle_of
 from .defining_systems import (
     AbstractCondition,
@@ -155,8 +152,7 @@ def with_bifurcation_event(
         int(getattr(watched, test.least + "_flight")[k]),
         float(getattr(watched, test.least + "_time")[k]),
     )
-    is_rigid = kinds_of_elements(machine_of(family.system))[k % num] == RIGID
-    events = (IMPACT, RELEASE) if is_rigid else (CLOSE, SLIP)
+    events = (IMPACT, RELEASE) if sequence.num_groups == 1 else (CLOSE, SLIP)
     event = events[test.least == "force"] + SECOND * (k >= num)
     sequence, place = with_event(sequence, place, event, k % num, flight, time)
     is_later = bool(place.flights[flight] > ROUNDED_BY_TYPE[str(place.flights.dtype)])

@@ -188,7 +188,8 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     if limit is not None:
         return limit
     # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
-    grazing = None if walk.cascade else (yield from grazing_of_shorter_cycle(point))
+    is_alone = bool(walk.cascade) or point.sequence.num_groups > 1
+    grazing = None if is_alone else (yield from grazing_of_shorter_cycle(point))
     return End(EndKind.LEFT_THE_STOPS) if grazing is None else End(Kind.GRAZING, grazing)
 
 
@@ -211,7 +212,8 @@ def _continue_behind_event(
     if end is not None:
         return end
     same = [entry for entry in walk.cascade if entry[0] == test.index]
-    walk.cascade = [*same, (test.index, event)] if test.kind == Kind.TOUCH else []
+    is_touch = test.kind == Kind.TOUCH and event.sequence.num_groups == 1
+    walk.cascade = [*same, (test.index, event)] if is_touch else []
     limit = yield from _end_at_cascade_limit(walk, MANY)
     if limit is not None:
         return limit

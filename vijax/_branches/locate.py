@@ -52,6 +52,11 @@ def first_event(
     return first, before
 
 
+def is_passed(test: TestFunction, point: BranchPoint) -> bool:
+    """True if the guard of a test function has vanished before a point, by more than rounding."""
+    return is_between_events(test) and bool(test.of(point.seen) < -HALF_DIGITS)
+
+
 def _share(before: float, after: float) -> float:
     return before / (before - after) if np.isfinite(before - after) else 1.0
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from .kernels import SimulatedMotion
 from .kinds import Kind
-from .locate import first_event, special_points
+from .locate import first_event, is_passed, special_points
 from .point import (
     BranchPoint,
     DirectedBranch,
@@ -24,6 +24,7 @@ from .test_functions import (
     is_plastic,
     stops_in_impacts,
     tests_of,
+    without_echoes,
 )
 from .tolerances import NEGLIGIBLE, SEPARATE_EVENTS, SHORTEST_STEP, TRIALS_AHEAD, TRUSTED
 
@@ -94,7 +95,8 @@ def _step(
     if tried is None:
         return None
     new = tried.point
-    met = crossings(tests_of(point.sequence), point.seen, new.seen)
+    crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
+    met = without_echoes(point.sequence, crossed)
     met += stops_in_impacts(point.sequence, point.seen, new.seen)
     if any(
         test.kind == Kind.CHATTER_COMPLETION and not is_plastic(point.sequence, point.seen, test)
@@ -110,8 +112,8 @@ def _step(
     if isinstance(first, End):
         return first
     event, last = first
-    if _hides_stop(event):
-        return None
+    if _hides_stop(event) or any(is_passed(test, last) for test in crossed if test not in met):
+        return None  # a guard that vanishes before the event with which it seemed to vanish
     specials = yield from special_points(walk, point, last)
     if isinstance(specials, End):
         return specials

@@ -74,7 +74,7 @@ def checked_monitors(monitor: Monitors | None, stop: Stop | None) -> Watched:
 
 @dataclass
 class WatchedWalk:
-    """A walk whose new points are evaluated.
+    """One direction of a branch with its monitors and stop conditions.
 
     Attributes:
         watched: monitors and conditions.

@@ -2,7 +2,7 @@
 
 On a plain step nothing happens: no test function changes sign, no bound is passed, and the machine follows the cycle.
 Most steps are plain. They are taken one after another in one compiled program, `step_kernel.py`; the first one that is
-not plain is returned to `follow.py`. All functions treat one branch, and are traced.
+not plain is returned to `located_steps.py`. All functions treat one branch, and are traced.
 """
 
 from dataclasses import dataclass

@@ -138,7 +138,9 @@ def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunc
         }
         for name, kind in kinds.items():
             of_guard = lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j])  # noqa: E731
-            rate = lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j])  # noqa: E731
+            rate = None
+            if sequence.num_groups == 1:
+                rate = lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j])  # noqa: E731
             found.append(TestFunction(kind, of_guard, j, rate=rate, least=name))
     return tuple(found)
 
@@ -150,23 +152,27 @@ def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
     """
     if test.least not in ("gap", "force"):
         return test.kind
-    own, time = test.index % sequence.mode.shape[1], getattr(seen.watched, test.least + "_time")[test.index]
+    own = test.index % sequence.mode.shape[1]
+    flight, time = (getattr(seen.watched, f"{test.least}_{of}")[test.index] for of in ("flight", "time"))
     since = np.cumsum(seen.found.place.flights[: len(sequence.kind)]) - float(time)
-    at_once = np.flatnonzero(np.abs(since) < LOCATED)
-    if any(_is_cut(test, sequence, int(k), own) for k in at_once):
-        return Kind.DOUBLE_IMPACT
-    begins = (sequence.stop[at_once] == own) & (sequence.kind[at_once] == STICK)
-    return Kind.SWITCHING_SLIDING if test.kind == Kind.ADDING_SLIDING and begins.any() else test.kind
+    at_once = np.flatnonzero(np.abs(since) < LOCATED).tolist()
+    if test.least == "force":
+        # The event of another element sets it free, or the force is least where the element comes to rest.
+        is_cut = flight in at_once and sequence.stop[flight] != own
+        is_cut = is_cut and sequence.mode[flight, own] != sequence.mode[flight + 1, own]
+        begins = test.kind == Kind.ADDING_SLIDING and flight - 1 in at_once
+    else:
+        is_cut, begins = any(_is_cut(test, sequence, k, own) for k in at_once), False
+    return Kind.DOUBLE_IMPACT if is_cut else Kind.SWITCHING_SLIDING if begins else test.kind
 
 
 def _is_cut(test: TestFunction, sequence: Sequence, k: int, own: int) -> bool:
-    """True if event `k` cuts off a flight on which the guard of a test function falls, see `admissibility.py`."""
-    kind, stop, (before, after) = sequence.kind[k], sequence.stop[k], sequence.mode[k : k + 2, own]
-    if test.least == "force":  # the event of another element sets it free
-        return bool(stop != own and before != after)
-    if test.kind == Kind.GRAZING_SLIDING:  # friction of a contact begins and ends with that
-        return bool(kind == IMPACT or (before == FREE) != (after == FREE))
-    return bool(stop == own and kind % SECOND == OPEN)
+    """True if event `k` cuts off a flight on which the guard of a test function falls, see `margin_scan.py`."""
+    if test.kind != Kind.GRAZING_SLIDING:
+        return bool(sequence.stop[k] == own and sequence.kind[k] % SECOND == OPEN)
+    # Friction of a contact begins and ends with that.
+    is_open = sequence.mode[k : k + 2, own] == FREE
+    return bool(sequence.kind[k] == IMPACT or is_open[0] != is_open[1])
 
 
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
@@ -248,6 +254,36 @@ def _follows_another(sequence: Sequence) -> Any:
 def crossings(tests: Many[TestFunction], before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
     """Test functions that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
+
+
+def without_echoes(sequence: Sequence, met: list[TestFunction]) -> list[TestFunction]:
+    """Test functions of a step without those of guards of an element whose events meet there: these vanish with them."""
+    if sequence.num_groups == 1:
+        return met
+    num = sequence.mode.shape[1]
+    # The duration of a slip that begins with a turn is rounded where it vanishes; the force at that turn is not.
+    turns = {test.index: test for test in met if test.kind == Kind.CROSSING_SLIDING and not test.of_flight}
+    slips = {test.index for test in met if test.kind == Kind.SWITCHING_SLIDING and test.index - 1 in turns}
+    met = [
+        test._replace(of=turns[test.index - 1].of, rate=turns[test.index - 1].rate)
+        if test.index in slips and test.of_flight
+        else test
+        for test in met
+    ]
+    met = [test for test in met if test.of_flight or test.index + 1 not in slips or test.index not in turns]
+    # Friction stops a mass behind an impact the sooner, the slower that is.
+    impacts = {test.index for test in met if test.kind == Kind.GRAZING and not test.of_flight}
+    met = [test for test in met if not (test.of_flight and _is_end_of_rebound(sequence, test.index, impacts))]
+    is_of_event = lambda test: test.of_flight or test.kind in (Kind.GRAZING, Kind.CROSSING_SLIDING)  # noqa: E731
+    meeting = {int(sequence.stop[test.index]) for test in met if is_of_event(test)}
+    return [test for test in met if is_of_event(test) or test.index % num not in meeting]
+
+
+def _is_end_of_rebound(sequence: Sequence, k: int, impacts: set[int]) -> bool:
+    """True if event `k` ends a slip that began with one of some impacts, just before."""
+    return k - 1 in impacts and bool(
+        sequence.mode[k - 1, sequence.stop[k]] != sequence.mode[k, sequence.stop[k]]
+    )
 
 
 def grips(sequence: Sequence, seen: CorrectedCycle) -> Any:

@@ -23,8 +23,8 @@ ROUNDED_BY_TYPE = {"float64": ROUNDED, "float32": 1e-4}
 # cycle: step of Newton's method that has converged, and distance of two solutions that are one: the root of eps. By type.
 SAME = 1e-8
 NEWTON_CONVERGED = {"float64": SAME, "float32": 3e-4}
-# cycle: what is left of a double zero: of a double multiplier, or where a symmetry makes two events one and the equations
-# determine the square of what tells the cycles apart.
+# cycle: what is left of a double zero: of a double multiplier, or of test functions that vanish quadratically in the distance
+# from a symmetric cycle.
 HALF_DIGITS = 1e-7
 # cycle: distance of a point that is located as a double root, of its events, and of a cycle that has returned to its start.
 LOCATED = 1e-6

@@ -59,8 +59,8 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoin
 def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int, Sequence, ExtendedCycle]]:
     """Pairs of the stop of each short hop, the shortest first, and the cycle without the hop."""
     sequence, durations = point.sequence, _durations(point)
-    num = len(durations)
-    for k in np.argsort(durations) if flight is None else [flight % max(num, 1)]:
+    num = len(durations) if sequence.num_groups == 1 or point.seen.watched.grip is not None else 0
+    for k in np.argsort(durations[:num]) if flight is None else [flight % max(num, 1)]:
         last = _end_of_hop(point, int(k)) if num and durations[k] < SHORT_HOP else None
         if last is not None:
             shorter = _held_from_the_start(point, last) if k == 0 else _held(point, int(k), last)

@@ -20,6 +20,8 @@ FOR_SUMS = {
 LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4, **FOR_SUMS}
 # Options for programs in which `in_parts` makes kernels: from JAX 0.12 on XLA would make one of the loop around them.
 OF_PARTS = {**LIGHTLY, _PASSES: f"{FOR_SUMS[_PASSES]},small-while-loop-hoisting"}
+# Options for a loop over lanes.
+FOR_LANES = OF_PARTS | {"xla_cpu_prefer_vector_width": 512}
 # Options for programs of thousands of operations that run some hundred times for a millisecond. LLVM's passes are most of
 # the compilation, and such programs have few loops that gain by them.
 QUICKLY = {"xla_backend_optimization_level": 0, **LIGHTLY}

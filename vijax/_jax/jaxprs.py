@@ -111,7 +111,7 @@ def _key_of_param(value: Any) -> Any:
         hash(value)
     except TypeError:
         return _Same(value)
-    # With its type, as 1 and True are equal.
+    # Key by (type, value): 1 == True would collide.
     return type(value), value
 
 

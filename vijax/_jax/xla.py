@@ -8,7 +8,7 @@ import abc
 import os
 import threading
 from collections.abc import Callable
-from functools import lru_cache, wraps
+from functools import lru_cache, partial, wraps
 from operator import attrgetter
 from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast
@@ -22,7 +22,7 @@ from jax.core import ShapedArray
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Bool, PyTree
 
-from .compiler_options import FOR_SUMS, LIGHTLY, OF_PARTS, QUICKLY, knows
+from .compiler_options import FOR_LANES, FOR_SUMS, LIGHTLY, OF_PARTS, QUICKLY, knows
 from .concrete import is_staged, is_traced
 from .jaxprs import without_arguments
 from .plain_derivatives import plainly_differentiable
@@ -72,17 +72,17 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     part of a larger program, under `jax.jit` or derivatives, the function does not affect how that is compiled.
     Programs are stored for later processes, see `program_store.py`.
     """
-    return _compiled(function, _options)
+    return _compiled(function, LIGHTLY)
 
 
 def compile_quickly(function: Callable[P, R]) -> Callable[P, R]:
     """`compile_lightly` in half the time, for programs that run for far less time than they take to compile."""
-    return _compiled(function, _quick_options)
+    return _compiled(function, QUICKLY)
 
 
-def _compiled(function: Callable[P, R], options: Callable[[], dict | None]) -> Callable[P, R]:
+def _compiled(function: Callable[P, R], options: dict) -> Callable[P, R]:
     part = eqx.filter_jit(function)
-    programs = Programs(function, options)
+    programs = Programs(function, partial(_known_of, options))
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -110,21 +110,9 @@ def compile_derivatives_lightly(function: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-def _options() -> dict | None:
-    return _known_of(LIGHTLY)
-
-
-def _quick_options() -> dict | None:
-    return _known_of(QUICKLY)
-
-
-def _options_of_parts() -> dict | None:
-    return _known_of(OF_PARTS)
-
-
 def options_for_lanes() -> dict | None:
     """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly."""
-    return _known_of(OF_PARTS | {"xla_cpu_prefer_vector_width": 512})
+    return _known_of(FOR_LANES)
 
 
 def are_sums_in_kernels() -> bool:
@@ -242,7 +230,7 @@ def _call(function: Callable, args: tuple, **attributes: str):
     known = [jax.typeof(a) if isinstance(a, jax.Array) else a for a in leaves]
     # What a function encloses, tracers for instance, must not be kept.
     is_plain = isinstance(function, FunctionType) and function.__closure__ is None
-    # With their types, as 1 and True are equal.
+    # Key by (type, value): 1 == True would collide.
     given = function, structure, tuple((type(a), a) for a in known), tuple(attributes)
     try:
         called = _called(*given) if is_plain else _called.__wrapped__(*given)
@@ -367,8 +355,14 @@ def differentiable(function: Callable, tree: Any, *, has_parts: bool = False, **
         return plainly_differentiable(function, derivatives.get("smooth"), tree)
     if jax.default_backend() != "cpu":
         derivatives = derivatives | {"many": None, "smooth_many": None}
+    # The same object in every call, as it is part of what programs are known by.
     compiled = _jit_of_parts if has_parts else jit_lightly
     return with_derivatives(function, tree, compiled=compiled, **derivatives)
+
+
+def _jit(function: Callable, options: dict, name: Any = None) -> Callable:
+    run = Programs(function, partial(_known_of, options), name=name, static_numbers=False)
+    return wraps(function)(run)
 
 
 def jit_lightly(function: Callable, name: Any = None) -> Callable:
@@ -378,19 +372,19 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
         function: the function.
         name: names all that a local function depends on, so that its programs can be stored, see `Programs`.
     """
-    return wraps(function)(Programs(function, _options, name=name, static_numbers=False))
+    return _jit(function, LIGHTLY, name)
 
 
 def _jit_of_parts(function: Callable) -> Callable:
     """`jit_lightly` for functions that call `in_parts`."""
-    return wraps(function)(Programs(function, _options_of_parts, static_numbers=False))
+    return _jit(function, OF_PARTS)
 
 
 def jit_quickly(function: Callable, name: Any = None) -> Callable:
     """`compile_quickly` for functions that are never part of a larger program, see `jit_lightly`."""
-    return wraps(function)(Programs(function, _quick_options, name=name, static_numbers=False))
+    return _jit(function, QUICKLY, name)
 
 
 def jit_for_lanes(function: Callable, name: Any = None) -> Callable:
     """`jit_lightly` for functions whose arrays have lanes last, with the widest vectors."""
-    return wraps(function)(Programs(function, options_for_lanes, name=name, static_numbers=False))
+    return _jit(function, FOR_LANES, name)
