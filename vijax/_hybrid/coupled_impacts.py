@@ -42,6 +42,9 @@ from .sticking import (
 )
 from .transition import Instant
 
+# Speed of an impact, relative to that of another at its instant, which is left by rounding.
+ROUNDING = 1e-12
+
 
 def first_state(
     machine: Machine,
@@ -85,7 +88,7 @@ def resolve(
 ) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then stick and release contacts; the load may jump, see `past_knots`."""
     v_minus = machine.approach(state)
-    hit = without_rounding(machine, is_event & ~state.held & (v_minus > 0), v_minus)
+    hit = without_rounding(is_event & ~state.held & (v_minus > 0), v_minus)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, v_minus, v_minus, zeros, arrived, state.time, zeros)
@@ -105,10 +108,10 @@ def resolve(
 
 
 def without_rounding(
-    machine: Machine, hit: Bool[Array, "stops ..."], speed: Float[Array, "stops ..."]
+    hit: Bool[Array, "stops ..."], speed: Float[Array, "stops ..."]
 ) -> Bool[Array, "stops ..."]:
     """Flags of the impacts without those whose speed is rounding beside another's: they are hit in turn, at the same instant."""
-    return hit & (speed > slack_of(machine.contacts.compliance) * jnp.max(speed * hit, axis=0))
+    return hit & (speed > ROUNDING * jnp.max(speed * hit, axis=0))
 
 
 def impact(

@@ -92,7 +92,7 @@ def resolve(
     events = Zeros(is_event[:num], is_event[num:])
     speed = sliding_velocity(machine, state)
     hit = events.first & machine.contacts.are(RIGID) & ~state.held & ~state.is_kept_closed & (speed > 0)
-    hit = without_rounding(machine, hit, speed)
+    hit = without_rounding(hit, speed)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, no_switches(state))
