@@ -8,8 +8,9 @@ page, and which refuse an integer where a number stands.
 
 import functools
 import inspect
+import re
 import reprlib
-from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from numbers import Real
 from os import PathLike
 from types import FunctionType, NoneType, UnionType
@@ -29,8 +30,17 @@ import jax
 import numpy as np
 from jaxtyping import AbstractArray
 
+from ._jax.concrete import has_tracer
+
 # Longer lists are not looked through: they are, where they become an array.
 _LONGEST = 1000
+# Errors of JAX where a program needs a number that is traced.
+_OF_TRACES = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+    jax.errors.NonConcreteBooleanIndexError,
+)
 
 
 class _Kind(NamedTuple):
@@ -50,8 +60,7 @@ def with_explained_errors(public: Any, module: str) -> Any:
         try:
             return public(*args, **named)
         except (TypeError, AttributeError, LookupError, ValueError) as error:
-            is_sentence = isinstance(error, ValueError) and "`" in str(error)  # in which a name stands
-            sentence = None if is_sentence else _first_wrong(public, args, named)
+            sentence = _explanation(public, args, named, error)
             if sentence is None:
                 raise
         raise ValueError(sentence)
@@ -60,15 +69,52 @@ def with_explained_errors(public: Any, module: str) -> Any:
     return explained
 
 
-def _first_wrong(public: FunctionType, args: tuple[Any, ...], named: Mapping[str, Any]) -> str | None:
-    """Sentence on the first argument of a kind that its annotation does not have, None if there is none."""
+def _explanation(
+    public: FunctionType, args: tuple[Any, ...], named: Mapping[str, Any], error: Exception
+) -> str | None:
+    """Sentence in place of an error, None where it says best itself what is wrong: where a name stands in its first line."""
+    if isinstance(error, (ValueError, *_OF_TRACES)) and "`" in str(error).partition("\n")[0]:
+        return None
+    if isinstance(error, _OF_TRACES):
+        return _first_traced(public, args, named)
+    return _unknown_property(public, named, error) or _first_wrong(public, args, named)
+
+
+def _given(
+    public: FunctionType, args: tuple[Any, ...], named: Mapping[str, Any]
+) -> Iterator[tuple[str, Any]]:
+    """Names and values of the arguments."""
     parameters = inspect.signature(public).parameters.values()
     by_place = [one.name for one in parameters if one.kind is one.POSITIONAL_OR_KEYWORD]
-    for name, value in (*zip(by_place, args, strict=False), *named.items()):
+    yield from zip(by_place, args, strict=False)
+    yield from named.items()
+
+
+def _first_traced(public: FunctionType, args: tuple[Any, ...], named: Mapping[str, Any]) -> str | None:
+    """Sentence on the first argument with traced numbers, None if there is none."""
+    for name, value in _given(public, args, named):
+        if has_tracer(value):
+            return f"Argument `{name}` must be made of known numbers here: call `{public.__name__}` outside of `jax.jit`, `jax.vmap` and derivatives."
+    return None
+
+
+def _first_wrong(public: FunctionType, args: tuple[Any, ...], named: Mapping[str, Any]) -> str | None:
+    """Sentence on the first argument of a kind that its annotation does not have, None if there is none."""
+    for name, value in _given(public, args, named):
         kinds = _kinds(public.__annotations__.get(name, Any))
         if kinds and not any(kind.accepts(value) for kind in kinds):
             return _sentence(name, value, kinds)
     return None
+
+
+def _unknown_property(public: FunctionType, named: Mapping[str, Any], error: Exception) -> str | None:
+    """Sentence on an argument that a picture handed to matplotlib, which has no such property; None if the error is another."""
+    name = re.search(r"unexpected keyword argument '(\w+)'", str(error))
+    parameters = inspect.signature(public).parameters.values()
+    if name is None or name[1] not in named or not any(one.kind is one.VAR_KEYWORD for one in parameters):
+        return None
+    own = ", ".join(f"`{one.name}`" for one in parameters if one.kind is not one.VAR_KEYWORD)
+    return f"Argument `{name[1]}` must be one of {own}, or a property of what matplotlib draws, as `color`, but is neither."
 
 
 def _sentence(name: str, value: Any, kinds: Sequence[_Kind]) -> str:

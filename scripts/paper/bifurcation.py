@@ -10,7 +10,7 @@ import xarray as xr
 import vijax as vx
 from vijax import plot
 
-from .motions import is_kind
+from .motions import classes_of, is_kind
 from .output import FREQUENCY, FREQUENCY_STEP, NUMBERS, announce, compare, impacts_of, ranges, save
 
 # Masses that hit within a time step of the paper have a double impact. It is not printed, but at the two
@@ -45,7 +45,7 @@ def _sweeps(system: vx.ImpactSystem, band: tuple[float, float], coarse: int) -> 
 
 def _facts_of_case_a(ds: xr.Dataset) -> list[tuple[str, str, str]]:
     """What Sec. 4.4 says of Fig. 4."""
-    motions = vx.classify(ds, double_impact_within=_DOUBLE_WITHIN)
+    motions = classes_of(ds, _DOUBLE_WITHIN)
     double = motions.num_double_impacts.where(motions.num_periods > 0) > 0
     chaos = is_kind(motions, "non_periodic")
     return [
@@ -57,7 +57,7 @@ def _facts_of_case_a(ds: xr.Dataset) -> list[tuple[str, str, str]]:
 def _facts_of_case_b(ds: xr.Dataset, rest: xr.Dataset) -> list[tuple[str, str, str]]:
     """What Sec. 4.5 says of Fig. 7."""
     sticks = [ds.num_sticks.sel(stop=j) > 0 for j in range(2)]
-    carried, started = (is_kind(vx.classify(a), "non_periodic") for a in (ds, rest))
+    carried, started = (is_kind(classes_of(a), "non_periodic") for a in (ds, rest))
     is_low = ds[FREQUENCY] < 1.6
     return [
         ("mass 0 sticks", "Omega < 0.5", f"Omega = {ranges(sticks[0])}"),

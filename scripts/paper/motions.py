@@ -1,5 +1,6 @@
 """Tables 2 and 3: the motions of both cases at eight frequencies, coexisting ones told apart."""
 
+import warnings
 from collections import Counter
 from pathlib import Path
 
@@ -65,6 +66,13 @@ def from_many_starts(
     """A sweep over frequencies and random starts, of which the first is at rest."""
     values = {FREQUENCY: np.array(frequencies), "x0": random_starts(system, count)}
     return vx.sweep(system, values, transient=transient, progress=False)
+
+
+def classes_of(ds: xr.Dataset, double_impact_within: float | None = None) -> xr.Dataset:
+    """`vx.classify`; the sweep has said already how many motions have not settled."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".* motions have not settled")
+        return vx.classify(ds, double_impact_within=double_impact_within)
 
 
 def is_kind(motions: xr.Dataset, kind: str) -> xr.DataArray:

@@ -146,9 +146,9 @@ def _units(own: Compared, rng: np.random.Generator) -> list[Failure]:
 def _in_units(own: Compared, units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Results and states of the motions computed in other units of mass, length and time, (3, lanes)."""
     mass, length, time = units
-    other = run(
-        own.shape, in_other_units(own.shape, own.a, mass, length, time), own.begin * time, own.end * time
-    )
+    a = in_other_units(own.shape, own.a, mass, length, time)
+    # Steps of a stiff machine differ by some in a hundred: those that just end within the bound end in any unit.
+    other = run(own.shape, a, own.begin * time, own.end * time, most_steps=2 * MOST_STEPS)
     return other.result, other.xs / length[:, None, None], other.vs * (time / length)[:, None, None]
 
 
@@ -156,7 +156,9 @@ def _rounding_decides(own: Compared, result: np.ndarray, away: np.ndarray) -> li
     """Motions that part from themselves at once in units that alter every digit: the outcome of an event depended on rounding."""
     before = np.concatenate([np.zeros((len(away), 1)), away[:, :-1]], axis=1)
     parts = ((away > APART_AT_ONCE) & (np.maximum.accumulate(before, axis=1) < TOGETHER)).any(axis=1)
-    wrong = np.flatnonzero(own.is_sound & (parts | (result != own.whole.result)))
+    # In units in which velocities are large more bounces of a chatter are logged: their log may be full.
+    ends_alike = (result == own.whole.result) | (result == code_of("max_events_reached"))
+    wrong = np.flatnonzero(own.is_sound & (parts | ~ends_alike))
     return [Failure("rounding decides", int(k), float(np.nanmax(away[k]) / APART_AT_ONCE)) for k in wrong]
 
 

@@ -298,6 +298,8 @@ def test_curves_of_two_parameters(doubled):
     np.testing.assert_allclose(np.abs(inside + 1).min(axis=1), 0, atol=1e-6)
     with pytest.raises(ValueError, match="must be of"):
         vx.bifurcation_curve(doubling, FREQUENCY, {AMPLITUDE: (0.1, 0.5)}, progress=False)
+    with pytest.raises(ValueError, match="`path` must be another"):
+        vx.bifurcation_curve(doubling, AMPLITUDE, bounds, progress=False)
 
 
 @pytest.mark.slow

@@ -63,6 +63,17 @@ def test_what_is_filled_has_the_motion_of_a_corner():
     assert not chart.is_computed.all()
 
 
+def test_a_chart_says_for_how_long_its_motions_must_run_on():
+    system = vx.models.impact_oscillator(1.0, position=0.2, damping_ratio=0.01, restitution=0.8)
+    plane = {"forcing.frequency": [1.8, 1.9], "stops[0].position": [0.2, 0.21]}
+    told = r"[1-4] of 4 motions have not settled. Run on for about \d+ forcing periods more"
+    with pytest.warns(UserWarning, match=told) as said:
+        vx.chart(system, plane, transient=30, record=16, stride=1, progress=False)
+    more = int(str(said[0].message).split("about ")[1].split()[0])
+    chart = vx.chart(system, plane, transient=30 + 2 * more, record=16, stride=1, progress=False)
+    assert (chart.num_periods > 0).all()
+
+
 @pytest.mark.thorough
 def test_a_machine_has_the_motions_of_its_sweep_where_it_was_run():
     system = vx.models.wagg_bishop_a(1.0)

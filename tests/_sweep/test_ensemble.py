@@ -127,3 +127,19 @@ def test_other_wrong_arguments_are_refused():
         vx.sensitivity(lambda machine: machine.mass, BALL, known)
     with pytest.raises(ValueError, match="finite mean"):
         vx.sensitivity(measured_end, BALL, {RESTITUTION: scipy.stats.cauchy(0.5, 0.1)})
+
+
+@pytest.mark.thorough
+def test_the_starts_of_samples_have_the_stretches_of_jenkins_elements():
+    def sliding(slider):
+        load = vx.Harmonic([0.5], 2.2)
+        joint = vx.Jenkins(0, 0.3, 0.05, slider=slider)
+        return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, hysteresis=[joint])
+
+    path = "hysteresis[0].slider"
+    known = {path: scipy.stats.uniform(-0.1, 0.2)}
+    ds = vx.ensemble(sliding(0.0), known, samples=4, duration=10.0, progress=False)
+    np.testing.assert_allclose(ds.v0.values[:, 1], -ds[path].values, rtol=0, atol=1e-15)
+    for slider, x in zip(ds[path].values, ds.x.values, strict=True):
+        sol = vx.simulate(sliding(float(slider)), 0.0, 10.0)
+        np.testing.assert_allclose(x[0], sol.x1[0], rtol=0, atol=1e-12)

@@ -123,6 +123,8 @@ SYSTEM = vx.models.wagg_bishop_b(0.8)
         ("dampng[0][1]", "damping[0][1]"),
         ("restitution", "stops[*].restitution"),
         ("stop[0].position", "stops[0].position"),
+        ("stiffness[0,1]", "stiffness[0][1]"),
+        ("damping[1, 1]", "damping[1][1]"),
     ],
 )
 def test_a_path_that_is_nearly_one_is_told_which(path, meant):

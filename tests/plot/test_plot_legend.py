@@ -83,6 +83,16 @@ def test_a_legend_of_a_panel_takes_small_letters_and_columns_where_it_is_long():
     assert len(ax.get_legend().get_texts()) == 14
 
 
+def test_over_an_area_that_fills_the_axes_a_legend_keeps_its_letters_and_avoids_the_lines():
+    _, ax = plt.subplots(figsize=(9, 5))
+    ax.pcolormesh(np.arange(11.0), np.arange(11.0), np.zeros((10, 10)))
+    ax.plot([0.0, 10.0], [9.5, 9.5], label="a line above")
+    add_legend(ax)
+    legend, frame = ax.get_legend(), ax.get_window_extent()
+    assert legend.get_texts()[0].get_fontsize() == mpl.rcParams["font.size"]
+    assert legend.get_window_extent().y1 < frame.y0 + 0.95 * frame.height
+
+
 def test_pictures_without_a_legend_have_none():
     assert vx.plot.branch(branch_of(QUIET), legend=False).get_legend() is None
     points = np.zeros((3, 1)), np.ones((3, 1))

@@ -3,11 +3,13 @@
 import inspect
 import pickle
 
+import jax
 import jax.numpy as jnp
 import jaxtyping
 import matplotlib as mpl
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import vijax as vx
 from vijax._calls import with_explained_errors
@@ -74,6 +76,29 @@ def failing(function):
 def test_an_argument_of_a_wrong_kind_is_named_where_a_function_fails(where, name, wrong):
     with pytest.raises(ValueError, match=f"^Argument `{name}` must be "):
         failing(FUNCTIONS[where])(**{name: wrong})
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda machine, one: vx.sweep(machine, VALUES, progress=False), "system"),
+        (lambda machine, one: vx.sweep(ONE, {"forcing.frequency": one}, progress=False), "values"),
+        (lambda machine, one: vx.ensemble(machine, {"forcing.frequency": norm(0.7, 0.02)}), "system"),
+        (lambda machine, one: vx.plot.time_series(vx.simulate(machine, 0.0, 1.0)), "sol"),
+        (lambda machine, one: vx.save(machine, "machine.toml"), "system"),
+    ],
+)
+def test_functions_of_known_numbers_say_so_under_transformations(call, name):
+    with pytest.raises(ValueError, match=rf"^Argument `{name}` must be .*known.*outside of `jax\.jit`"):
+        jax.grad(lambda one: call(vx.models.impact_oscillator(0.8, one[0], position=1.0), one))(jnp.ones(1))
+
+
+def test_what_neither_a_picture_nor_matplotlib_has_is_told():
+    sol = vx.simulate(ONE, 0.0, 1.0)
+    sentence = r"^Argument `quantity` must be one of `sol`, .*, or a property of what matplotlib draws, as `color`, but is neither."
+    with pytest.raises(ValueError, match=sentence):
+        vx.plot.phase_portrait(sol, quantity="x")
+    assert vx.plot.phase_portrait(sol, color="red").lines
 
 
 def test_errors_of_arguments_that_are_right_stay_as_they_are():

@@ -349,10 +349,18 @@ WAVE = vx.Waveform([0.0, 2.0, 4.0], [1.0, -0.5, 0.2], 1.3)
 def test_a_base_that_moves_is_drawn_as_a_base_and_other_loads_as_arrows(base, formula):
     links = np.array([[2.0, -1.0], [-1.0, 1.0]])
     for load, arrows in ((base, []), (base + vx.Harmonic([0.3, 0.0], 1.1), ["load 0"])):
-        ax = vx.plot.machine(vx.ImpactSystem([1.0, 2.0], 0.1 * links, links, load))
-        assert words(ax)[-1] == rf"base: $\ddot y$ = {formula}"
-        assert [line.get_gid() for line in ax.lines if str(line.get_gid()).startswith("load")] == arrows
-        assert len([line for line in ax.lines if line.get_gid() == "base"]) == 2
+        system = vx.ImpactSystem([1.0, 2.0], 0.1 * links, links, load)
+        sol = vx.simulate(system, 0.0, 1.0)
+        film = vx.plot.animate(sol, [0.2, 0.8])
+        for ax in (vx.plot.machine(system), film._fig.axes[0]):  # pyright: ignore[reportAttributeAccessIssue]
+            assert words(ax)[-1] == rf"base: $\ddot y$ = {formula}"
+            assert [line.get_gid() for line in ax.lines if str(line.get_gid()).startswith("load")] == arrows
+            assert len([line for line in ax.lines if line.get_gid() == "base"]) == 2
+        acceleration = 0.3 * np.cos(1.1 * 0.8) if arrows else 0.0
+        np.testing.assert_allclose(
+            scheme_of_solution(sol, np.zeros((1, 0))).load_at(0.8), [acceleration, 0.0], atol=1e-6
+        )
+        film._draw_was_started = True  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_of_a_full_mass_matrix_it_is_said_that_boxes_are_coordinates():

@@ -82,7 +82,11 @@ def bifurcation_curve(
     check_type("point", point, Bifurcation, "one of `branch.bifurcations` or `branch.peaks`")
     refuse_single_precision("bifurcation_curve", point.branch.points["x0"])
     first = point.branch.path
-    if set(bounds) != {first, path} or first == path:
+    if first == path:
+        raise ValueError(
+            f"Argument `path` must be another parameter than `{path}`, along which the branch of the point runs."
+        )
+    if set(bounds) != {first, path}:
         raise ValueError(
             f"Argument `bounds` must be of `{first}` and another path, as in {{`{first}`: (0, 1), `{path}`: (0, 1)}}."
         )

@@ -73,13 +73,22 @@ def is_listed(walk: DirectedBranch, point: BranchPoint) -> bool:
 
 
 def null_vectors(sequence: Sequence, place: ExtendedCycle) -> Requests[tuple[ExtendedCycle, np.ndarray]]:
-    """Null vectors of the Jacobian at fixed parameter: the direction, and that of the transpose, as it is without padding."""
+    """Null vectors of the Jacobian at fixed parameter: the direction, and that of the transpose, as it is without padding.
+
+    The sign of the direction follows from its entries: that of a decomposition is rounding.
+    """
     matrix = yield from ask(KernelCall(jacobian, sequence, (place,)))
     size, num_events = len(place.z), len(place.flights)
     kept = np.r_[: size + num_events]
     left, _, right = np.linalg.svd(matrix[np.ix_(kept, kept)])
-    direction = right[-1]
+    direction = right[-1] * np.sign(leading_entry(right[-1]))
     return ExtendedCycle(direction[:size], direction[size:], np.zeros(())), left[:, -1]
+
+
+def leading_entry(vector: np.ndarray) -> float:
+    """The first entry of a vector that is not far below the largest: several may be equal, as by a symmetry."""
+    sizes = np.abs(vector)
+    return float(vector[np.argmax(sizes > sizes.max() / 2)])
 
 
 def crossing_direction(sequence: Sequence, place: ExtendedCycle) -> Requests[ExtendedCycle]:

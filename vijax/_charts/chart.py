@@ -5,7 +5,6 @@ are halved down to the spacing of the requested grid; the others are filled from
 A region or tongue thinner than the coarse grid may be missed where it contains none of its points.
 """
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,10 +22,9 @@ from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision, whole_number
-from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles, tqdm
-from .._sections.classify import MOTIONS, classified
+from .._sections.classify import MOTIONS, classified, warn_of_unsettled
 from .._sweep.grid import base_of, values_of
 from .._sweep.outcomes import warn_of_endings
 from .._sweep.random_numbers import Rng, generator_of
@@ -138,7 +136,7 @@ def chart(
     if starts is not None:
         plan = plan._replace(starts=_starts(one, axes, starts, bounds, rng))
     together = _TOGETHER if plan.starts is None else max(_TOGETHER // len(plan.starts), 1)
-    shape, results = tuple(len(axis) for axis in axes.values()), []
+    shape, outcomes = tuple(len(axis) for axis in axes.values()), []
 
     def run(where: np.ndarray) -> Iterator[tuple[np.ndarray, xr.Dataset]]:
         with tqdm(total=len(where), unit="point", disable=not progress) as bar:
@@ -146,20 +144,15 @@ def chart(
                 part = where[first : first + together]
                 index = np.unravel_index(part, shape)
                 swept = {path: axis[i] for (path, axis), i in zip(axes.items(), index, strict=True)}
-                found, result = _found(plan, swept)
-                results.append(result)
+                found, outcome = _found(plan, swept)
+                outcomes.append(outcome)
                 bar.update(len(part))
                 yield part, found
 
     ds = refined(axes, stride, run, _KIND if plan.starts is None else (*_KIND, "num_attractors"))
-    whole = xr.Dataset({"result": (START, np.concatenate(results))}, attrs={"max_impacts": room})
+    whole = xr.concat(outcomes, START).assign_attrs(max_impacts=room)
     warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
-    unsettled = int((ds["motion"] == MOTIONS.index("not_settled")).sum())
-    if unsettled:
-        warnings.warn(
-            f"{unsettled} of {ds['motion'].size} points have not settled: increase `transient`, now {one.transient}.",
-            stacklevel=users_line(),
-        )
+    warn_of_unsettled(whole, tolerance)
     return with_labels(with_names(ds, names), base.system)
 
 
@@ -206,15 +199,17 @@ def _is_start(path: str) -> bool:
     return path.split("[")[0] in ("x0", "v0")
 
 
-def _found(plan: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
-    """Results at some points, and the result codes of their motions."""
+def _found(plan: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, xr.Dataset]:
+    """Results at some points, and what became of their motions."""
     lanes, size = with_values(plan.base, swept), len(next(iter(swept.values())))
     start = np.concatenate([np.broadcast_to(a, (len(a), size)) for a in (lanes.x0, lanes.v0)]).T
     of_machine = {path: a for path, a in swept.items() if not _is_start(path)}
     machines = plan.one.of_plane(of_machine, size)
     counts, where = plan.counts, (machines.settings, machines.executor)
     ds = sweep_zipped(machines.system, of_machine, start, counts, machines.flow, *where, lambda _: None)
-    found = classified(ds, plan.tolerance)[list(_KIND)]
+    motions = classified(ds, plan.tolerance)
+    outcome = motions[["motion", "recurrence_error", "contraction"]].assign(result=ds["result"])
+    found = motions[list(_KIND)]
     if counts.lyapunov:
         found = found.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})
     columns = {}
@@ -223,7 +218,7 @@ def _found(plan: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Datas
     if plan.starts is not None:
         columns |= {name: (START, a) for name, a in _coexisting(machines, plan.starts).items()}
     found = found.assign({name: (dims, a, variable_attributes(name)) for name, (dims, a) in columns.items()})
-    return found.transpose(START, ...), ds["result"].values
+    return found.transpose(START, ...), outcome
 
 
 def _multipliers(machines: Machines, ds: xr.Dataset, found: xr.Dataset) -> np.ndarray:

@@ -59,7 +59,7 @@ def _active_set(matrix: Array, q: Array, allowed: Array, noise: float) -> tuple[
         inverse = inverse_among(known, members)
         p, size_of_p = -matvec(inverse, q), matvec(jnp.abs(inverse), jnp.abs(q))
         w, size = q + matvec(known, p), jnp.abs(q) + matvec(jnp.abs(known), size_of_p)
-        return allowed & jnp.where(members, p < -noise * size_of_p, w < -noise * size)
+        return allowed & (jnp.where(members, p, w) < -noise * jnp.where(members, size_of_p, size))
 
     def goes_on(carry: tuple) -> Array:
         return is_any(jnp.any(carry[1])) & (carry[2] < _PIVOTS)

@@ -23,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Flag, Scalar
 from .._jax.xla import compute_once, is_any
+from .._machine.contacts import after_loss
 from .._machine.derivatives import rates, sizes_of_force
 from .._machine.machine import Machine, moving_with, state_before_contact
 from .._machine.small_matrices import slack_of
@@ -160,7 +161,7 @@ def after_impulses(
     """
     contacts, hit = machine.contacts, instant.hit
     speed, restitution, closed = struck
-    v = state.v - contacts.inverse_mass_times(contacts.back(impulse))
+    v = after_loss(state.v, contacts.inverse_mass_times(contacts.back(impulse)))
     is_open = closed & (rest > 0)
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
     x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)

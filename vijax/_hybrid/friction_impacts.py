@@ -23,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import matvec
 from .._jax.concrete import stop_gradients
+from .._machine.contacts import after_loss
 from .._machine.machine import Machine
 from .._machine.small_matrices import slack_of
 from .._machine.state import State
@@ -92,7 +93,7 @@ def rebound_with_friction(
     act, _ = _acts(*stop_gradients((machine, chosen)), elements)
     impulse = _impulses(machine, wanted(state)[0], elements, act).of_all
     x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
-    return x, state.v - contacts.inverse_mass_times(contacts.back(impulse)), impulse
+    return x, after_loss(state.v, contacts.inverse_mass_times(contacts.back(impulse))), impulse
 
 
 def _wanted(

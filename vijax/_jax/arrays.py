@@ -72,6 +72,9 @@ def as_float(value: Numbers, name: str = "") -> Array:
 
 def as_numpy_float(value: Numbers, name: str = "") -> np.ndarray:
     """Convert as `as_float` does, but by NumPy, which compiles nothing."""
+    if has_tracer(value):
+        who = f"Argument `{name}` must" if name else "These numbers must"
+        raise ValueError(f"{who} be known: call this outside of `jax.jit`, `jax.vmap` and derivatives.")
     try:
         array = np.asarray(value)
         if array.dtype == object and all(isinstance(a, SupportsFloat) for a in array.flat):

@@ -53,6 +53,16 @@ class Hold(eqx.Module):
     drive: Waves | None
 
 
+def after_loss(v: Float[Array, "n ..."], loss: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+    """Velocities after a loss, exactly zero where they lose all but rounding.
+
+    What is left of a mass that comes to rest would be, where no force acts on it, a motion of its own, of any smallness.
+    """
+    left = v - loss
+    is_zero = jnp.abs(left) <= 16 * float(jnp.finfo(v.dtype).eps) * jnp.abs(v)
+    return jnp.where(is_zero, left - jax.lax.stop_gradient(left), left)
+
+
 class Contacts(eqx.Module):
     """All contacts of a machine, with any rows, lanes last.
 
@@ -357,7 +367,7 @@ class Contacts(eqx.Module):
         inertia, rate = inverse_among(self.compliance, held), phase_rate(phase, self.frequency)
         way = self._by(inertia, self.gaps(x, phase))
         v = v - self.inverse_mass_times(matvec(damping, way))
-        return x + way, v - self._by(inertia, self.towards(v, rate))
+        return x + way, after_loss(v, self._by(inertia, self.towards(v, rate)))
 
     def kept(
         self,

@@ -192,14 +192,13 @@ def _tables(system: ImpactSystem, more: int) -> tuple[TableNumbers, ...] | None:
 
 def with_base(numbers: MachineNumbers, system: ImpactSystem) -> MachineNumbers:
     """Numbers of a machine with the part of the load that a moving base makes."""
+    return eqx.tree_at(lambda n: n.base, numbers, base_of(system), is_leaf=lambda leaf: leaf is None)
+
+
+def base_of(system: ImpactSystem) -> BaseLoad:
+    """Part of a load that a moving base makes, its harmonics in the rows of those of the load."""
     tables = tuple(load.from_base for load in system.forcing.loads if not isinstance(load, Harmonic))
-    base = BaseLoad(base_waves_of(system), tables)
-    return eqx.tree_at(lambda n: n.base, numbers, base, is_leaf=lambda leaf: leaf is None)
-
-
-def base_waves_of(system: ImpactSystem) -> Waves:
-    """Harmonics of the part of a load that a moving base makes, in the rows of those of the load."""
-    return _waves_of(system, of_base=True)
+    return BaseLoad(_waves_of(system, of_base=True), tables)
 
 
 def harmonic_load_of(system: ImpactSystem) -> tuple[Reals, Waves]:

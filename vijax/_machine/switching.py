@@ -27,7 +27,7 @@ from .._jax.arrays import Reals, Scalar, append_axes, matrix_product, matvec, wi
 from .._system.restitution import Restitution
 from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_rate
-from .contacts import Contacts, Hold
+from .contacts import Contacts, Hold, after_loss
 from .kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .small_matrices import diagonal, inverse_of_block, slack_of
 from .state import SATURATED, Mode, State
@@ -263,14 +263,14 @@ class SwitchingContacts(Contacts):
         way = self._by(self.inertia_among(at_place), lack)
         v = v - self.inverse_mass_times(jnp.sum(damping * way[None], axis=1))
         lack = jnp.where(held, self.speeds(v, rate), 0)
-        return x + way, v - self._by(self.inertia_among(held), lack)
+        return x + way, after_loss(v, self._by(self.inertia_among(held), lack))
 
     def without_speeds(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Velocities without approach or sliding of flagged elements, nearest to v in the metric of M."""
         lack = jnp.where(flags, self.speeds(v, phase_rate), 0)
-        return v - self._by(self.inertia_among(flags), lack)
+        return after_loss(v, self._by(self.inertia_among(flags), lack))
 
     def third_rest(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Bound of the third Taylor coefficient of the gaps, from that of the positions."""

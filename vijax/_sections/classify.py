@@ -100,7 +100,7 @@ def classify(
         check_is_dataset(source, "source", "`vx.sweep`")
         warn_of_endings(source, "max_impacts_reached")
     found = classified(source, tolerance, double_impact_within, last)
-    _warn_of_unsettled(found, _tolerance(found["recurrence_error"], tolerance))
+    warn_of_unsettled(found, tolerance)
     return found
 
 
@@ -108,13 +108,18 @@ def _tolerance(like: Any, tolerance: float | None) -> float:
     return TOLERANCES[like.dtype.itemsize] if tolerance is None else tolerance
 
 
-def _warn_of_unsettled(found: xr.Dataset, tolerance: float) -> None:
-    """Warn of the motions that have not settled, with the time that they still take as far as it is known."""
+def warn_of_unsettled(found: xr.Dataset, tolerance: float | None) -> None:
+    """Warn of the motions that have not settled, with the time that they still take as far as it is known.
+
+    Args:
+        found: `motion`, `recurrence_error` and `contraction` as `classify` returns them.
+        tolerance: that of `classify`.
+    """
     is_so = found["motion"].values == MOTIONS.index("not_settled")
     if not is_so.any():
         return
     error, factor = (found[name].values[is_so] for name in ("recurrence_error", "contraction"))
-    periods, time = periods_left(error, factor, tolerance), "Run on for longer."
+    periods, time = periods_left(error, factor, _tolerance(error, tolerance)), "Run on for longer."
     if periods is not None:
         time = f"Run on for about {periods} forcing periods more, by `transient` or `t1`."
     warnings.warn(f"{is_so.sum()} of {is_so.size} motions have not settled. {time}", stacklevel=users_line())

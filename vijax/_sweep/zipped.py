@@ -79,5 +79,6 @@ def sweep_zipped(
     numbers = {along: np.arange(len(states))}
     ds = dataset(points, numbers, (len(states),), own_counts, found, attributes, quantities)
     coordinates = {path: ((along,), a) for path, a in values.items()}
-    coordinates |= {path: ((along, "mass"), a) for path, a in starts.items()}
+    # A start of the masses alone is completed by the stretches of Jenkins elements.
+    coordinates |= {path: ((along, "mass"), getattr(points, path).T) for path in starts}
     return ds.assign_coords(coordinates)

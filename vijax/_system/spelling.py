@@ -18,11 +18,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         name: the unknown name, perhaps followed by an index.
         known: the valid names, the likelier first.
     """
-    plain, index = _apart(name)
+    plain, index = _apart(_with_brackets(name))
     likeness = {other: _likeness(plain, other) for other in known}
     best = max(likeness, key=likeness.__getitem__, default=name)
     # A name that is right except for an index is not misspelt.
-    if likeness.get(best, (0.0,))[0] < _ALIKE or _without_index(best) == _without_index(plain):
+    is_spelt = _without_index(best) == _without_index(plain) and name == plain + index
+    if likeness.get(best, (0.0,))[0] < _ALIKE or is_spelt:
         return ""
     return f" Instead of `{name}`, did you mean `{best}{index}`?"
 
@@ -43,6 +44,13 @@ def _apart(path: str) -> tuple[str, str]:
     match = re.fullmatch(r"(.*?)((?:\[\d+\])*)", path, re.DOTALL)
     assert match is not None
     return match[1], match[2]
+
+
+def _with_brackets(path: str) -> str:
+    """A path whose indices stand as NumPy has them, `stiffness[0, 1]`, as paths have them, `stiffness[0][1]`."""
+    return re.sub(
+        r"\[\d+(?:\s*,\s*\d+)+\]", lambda all: "".join(f"[{one}]" for one in re.findall(r"\d+", all[0])), path
+    )
 
 
 def _without_index(path: str) -> str:

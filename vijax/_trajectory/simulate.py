@@ -3,6 +3,7 @@
 import warnings
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike
@@ -16,10 +17,10 @@ from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
-from .._machine.numbers import numbers_of
+from .._machine.numbers import base_of, numbers_of
 from .._progress import says_what_compiles
 from .._system.checks import validate_start
-from .._system.system import AnySystem, machine_of, with_args
+from .._system.system import AnySystem, ImpactSystem, machine_of, with_args
 from .chunked import MOST_EVENTS, follow_known
 from .concrete_machine import known_machine, remembered
 from .loop import UNLIMITED_STEPS, Choices, LoopArguments
@@ -95,7 +96,8 @@ def simulate(
     """
     warn_about_reverse_steps(max_reverse_steps)
     settings = Settings(max_events, max_steps, () if throw else None)
-    return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args).of_masses
+    sol = simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args).of_masses
+    return _with_base(sol, machine_of(system))
 
 
 def simulate_all(
@@ -195,6 +197,13 @@ def simulate_with(
     if settings.allowed is None or (known and not np.asarray(solution.result._value)):
         return solution  # the first result is `successful`
     return checked(solution, *number_of_doubts(doubts, *result_sentences(solution.result, settings.allowed)))
+
+
+def _with_base(sol: Solution, system: ImpactSystem) -> Solution:
+    """A trajectory that knows which part of its load a moving base makes: the prepared machine has their sum alone."""
+    if not any(load.from_base for load in system.forcing.loads):
+        return sol
+    return eqx.tree_at(lambda one: one.base, sol, base_of(system), is_leaf=lambda leaf: leaf is None)
 
 
 def _room_of_log(max_events: Count | None, *, is_known: bool) -> int:

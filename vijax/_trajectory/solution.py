@@ -73,6 +73,7 @@ class Solution(eqx.Module):
     max_steps: Int[Array, ""]
     known_until: Scalar
     last_sliders: Any = None
+    base: Any = None  # `BaseLoad` of a base that moves, for drawings
 
     @property
     def sliders1(self) -> Float[Array, "*batch hysteresis"]:

@@ -70,7 +70,11 @@ def _add_to_own(ax: Axes, markersize: float | None, is_covered: bool, options: d
     if (before := ax.get_legend()) is not None:
         _widen(ax, -_width_beside(before))
         before.remove()
-    found = None if is_covered else _best_place(ax, _legend(ax, markersize, options), _SMALL, _drawn(ax))
+    found = (
+        None
+        if is_covered
+        else _best_place(ax, _legend(ax, markersize, options), _SMALL, _drawn(ax, counts_meshes=True))
+    )
     if found is not None and found[0] == 0:
         _legend(ax, markersize, options | _INSIDE, found[1])
         return
@@ -79,7 +83,10 @@ def _add_to_own(ax: Axes, markersize: float | None, is_covered: bool, options: d
 
 
 def _add_within(ax: Axes, markersize: float | None, options: dict[str, Any]) -> None:
-    """Add a legend inside the axes, in the largest letters with which it covers least."""
+    """Add a legend inside the axes, in the largest letters with which it covers least.
+
+    Areas that fill the axes do not count: of them letters of any size cover some, and the smallest least.
+    """
     drawn, least, chosen, place = _drawn(ax), np.inf, {}, "upper right"
     for letters, columns in itertools.product(_LETTERS, _COLUMNS):
         own = {"fontsize": letters, "title_fontsize": letters, "ncols": columns, **_TIGHT}
@@ -153,8 +160,8 @@ def _best_place(
     return covered(best), best
 
 
-def _drawn(ax: Axes) -> np.ndarray:
-    """Points of all that is drawn, along lines too, as shares of the axes, (points, 2)."""
+def _drawn(ax: Axes, *, counts_meshes: bool = False) -> np.ndarray:
+    """Points of all that is drawn, along lines too, as shares of the axes, (points, 2); of meshes if they count."""
     ax.viewLim.get_points()  # matplotlib adapts the limits to the data when they are asked for
     found = [np.empty((0, 2))]
     for line in ax.lines:
@@ -171,7 +178,7 @@ def _drawn(ax: Axes) -> np.ndarray:
             found += [_along(_in_axes(ax, one, np.asarray(part, float))) for part in one.get_segments()]
         elif not isinstance(one, QuadMesh):  # edges of areas
             found += [_along(_in_axes(ax, one, np.asarray(path.vertices))) for path in one.get_paths()]
-        else:
+        elif counts_meshes:
             shares = np.linspace(0, 1, round(1 / _STEP))
             found.append(np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2))
     points = np.concatenate(found)

@@ -87,6 +87,7 @@ def relative_motion(
         is_held = is_held_at(sol, number, t)
         if is_held.any():
             draw_held(ax, t, distance, is_held, line.get_color(), label_if_new(ax, f"held by {name}"))
+    for number, factor in zip(numbers, factors, strict=True):
         is_hit = is_event(sol, [number], IMPACT, drawn)
         if is_hit.any():
             mark = {"color": ink(), "markersize": 4, "zorder": 3, "label": label_if_new(ax, "impact")}

@@ -62,8 +62,8 @@ def animate(
 ) -> FuncAnimation:
     """Animate the machine of a trajectory, drawn as by `machine`, with its positions against time.
 
-    Masses are orange while a stop or contact holds them; impacts flash. Arrows are the current loads. A machine that no
-    spring or stop ties to the ground is drawn relative to the mean of its positions. In a notebook,
+    Masses are orange while a stop or contact holds them; impacts flash. Arrows are the current loads, a double
+    arrow is a base that moves. A machine that no spring or stop ties to the ground is drawn relative to the mean of its positions. In a notebook,
     `vx.plot.animate(sol)` as last line of a cell shows the film with buttons; in a script, keep the result and call
     `plt.show()`.
 

@@ -1,14 +1,16 @@
 """Schemes of machines: an `ImpactSystem`, or the machine of a trajectory."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.arrays import Reals
+from ..._machine.contacts import Contacts
 from ..._machine.machine import Machine
-from ..._machine.numbers import base_waves_of, harmonic_load_of, tones_of
+from ..._machine.numbers import BaseLoad, base_of, harmonic_load_of, tones_of
 from ..._machine.switching import COMPLIANT, SwitchingContacts
 from ..._system.compliant import CompliantContact, CompliantStop
 from ..._system.force import name_of_force, whole_force
@@ -35,9 +37,9 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
             f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
         )
     n, (mean, whole) = system.num_masses, jax.tree.map(np.asarray, harmonic_load_of(system))
-    of_base = jax.tree.map(np.asarray, base_waves_of(system))
+    of_base = jax.tree.map(np.asarray, base_of(system))
     waves, speeds = (
-        jax.tree.map(np.subtract, whole, of_base),
+        jax.tree.map(np.subtract, whole, of_base.waves),
         _speeds(whole, system.forcing.clock, tones_of(system)),
     )
     rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
@@ -70,7 +72,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         accelerations=_accelerations(np.asarray(system.mass), mean),
         is_hung=isinstance(system.force, PendulumWeight),
         largest_of_tables=_largest_of_tables(system),
-        base=_base_in_words(system, of_base, speeds),
+        base=_base_in_words(np.asarray(system.mass), of_base, speeds),
     )
 
 
@@ -79,13 +81,11 @@ def _largest_of_tables(system: ImpactSystem) -> np.ndarray | None:
     return np.sum([np.asarray(load.size()) for load in tables], axis=0) if tables else None
 
 
-def _base_in_words(system: ImpactSystem, of_base: Waves, speeds: np.ndarray) -> str:
+def _base_in_words(mass: np.ndarray, of_base: BaseLoad, speeds: np.ndarray) -> str:
     """Acceleration of a base that moves, as a formula; empty for none."""
-    mass = np.asarray(system.mass)
-    cosines, sines = (-_accelerations(mass, a.T)[0] for a in (of_base.cosine, of_base.sine))
+    cosines, sines = (-_accelerations(mass, a.T)[0] for a in (of_base.waves.cosine, of_base.waves.sine))
     terms = harmonic_terms(speeds, cosines, sines, NOTHING * np.max(np.abs([cosines, sines]), initial=0.0))
-    has_table = any(load.from_base for load in system.forcing.loads if not isinstance(load, Harmonic))
-    terms += ["+ a(t)"] if has_table else []
+    terms += ["+ a(t)"] if any(of_base.tables) else []
     return formula(terms) if terms else ""
 
 
@@ -122,6 +122,7 @@ def _coefficients(restitution: Restitution) -> tuple[str, ...]:
 def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
     machine = sol.machine
+    base: BaseLoad | None = jax.tree.map(np.asarray, sol.base)
     contacts, n = machine.contacts, sol.x1.shape[-1]
     inverse_mass = np.asarray(machine.inverse_mass)
     inverse, mean = inverse_mass[:n], np.asarray(machine.mean)[:n]
@@ -136,48 +137,35 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         np.asarray(contacts.rows).reshape(contacts.num, len(inverse_mass))[:, :n],
         contacts.num_stops,
     )
-    words, friction = _coefficients(contacts.restitution), ()
-    is_compliant = is_damped = is_preloaded = np.zeros(num_stops, bool)
-    if isinstance(contacts, SwitchingContacts):
-        laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
-        force, velocity = (np.asarray(a) for a in (laws.force, laws.velocity))
-        cushions = np.stack([laws.stiffness, laws.damping, laws.preload], axis=1)[:num_stops]
-        is_damped, is_preloaded = cushions[:, 1] > 0, cushions[:, 2] > 0
-        words = tuple(
-            _cushion_in_words(*cushions[j].tolist()) if is_compliant[j] else words[j]
-            for j in range(num_stops)
-        )
-        normal = laws.normal or (-1,) * contacts.num
-        force = force if laws.coefficient is None else force + np.asarray(laws.coefficient)
-        friction = tuple(
-            Rubbing(rows[j], float(force[j]), float(velocity[j]), None if normal[j] < 0 else normal[j])
-            for j in range(num_stops, contacts.num - sol.num_sliders)
-        )
-    tables, force = machine.tables, None if machine.extra is None else machine.extra.force
+    switching = _switching_of(contacts, rows, contacts.num - sol.num_sliders)
+    speeds = _speeds(machine.waves, machine.frequency, machine.tones)
+    largest, of_tables = _loads_by_tables(machine, base)
+    force = None if machine.extra is None else machine.extra.force
     force = force.force if isinstance(force, ForceBesideSliders) else force
     return Scheme(
         stiffness,
         damping,
         mean,
-        waves=jax.tree.map(lambda a: a[:, :n], _load_in_space(machine)),
+        waves=jax.tree.map(lambda a: a[:, :n], _load_in_space(machine, base)),
         frequency=float(machine.frequency),
-        speeds=_speeds(machine.waves, machine.frequency, machine.tones),
+        speeds=speeds,
         rows=rows[:num_stops],
         masses=contacts.masses[:num_stops],
         limit=np.asarray(contacts.limit)[:num_stops],
-        restitution=words,
+        restitution=switching.words,
         is_moving=np.ptp(places, axis=0) > 0,
         is_lumped=machine.inverse_mass.ndim == 1,
         force=None if force is None else _name(force),
-        is_compliant=is_compliant,
-        is_damped=is_damped,
-        is_preloaded=is_preloaded,
-        friction=friction,
+        is_compliant=switching.is_compliant,
+        is_damped=switching.is_damped,
+        is_preloaded=switching.is_preloaded,
+        friction=switching.friction,
         omitted=omitted,
         accelerations=inverse @ mean if inverse.ndim == 2 else inverse * mean[: len(inverse)],
         is_hung=force is not None and isinstance(whole_force(force.force), PendulumWeight),
-        largest_of_tables=None if tables is None else np.asarray(tables.bound(0)),
-        of_tables=None if tables is None else lambda t: np.asarray(tables.load(tables.at(jnp.asarray(t)))),
+        largest_of_tables=largest,
+        of_tables=of_tables,
+        base="" if base is None else _base_in_words(_mass(inverse), base, speeds),
     )
 
 
@@ -209,13 +197,68 @@ def _speeds(waves: Waves, frequency: Reals, tones: Tones | None) -> np.ndarray:
     return np.asarray(waves.speeds(frequency if tones is None else tones))[:, 0]
 
 
-def _load_in_space(machine: Machine) -> Waves:
-    """Harmonics of the load in space: without -M w'' - C w' - K w if the machine moves with its stops (`frame`)."""
+class _Switching(NamedTuple):
+    """What contacts do when they close, and friction, as fields of a scheme."""
+
+    words: tuple[str, ...]
+    is_compliant: np.ndarray
+    is_damped: np.ndarray
+    is_preloaded: np.ndarray
+    friction: tuple[Rubbing, ...] = ()
+
+
+def _switching_of(contacts: Contacts, rows: np.ndarray, num_limits: int) -> _Switching:
+    """Laws of the contacts and the friction elements, the first `num_limits` rows."""
+    num_stops, words = contacts.num_stops, _coefficients(contacts.restitution)
+    if not isinstance(contacts, SwitchingContacts):
+        none = np.zeros(num_stops, bool)
+        return _Switching(words, none, none, none)
+    laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
+    force, velocity = (np.asarray(a) for a in (laws.force, laws.velocity))
+    cushions = np.stack([laws.stiffness, laws.damping, laws.preload], axis=1)[:num_stops]
+    words = tuple(
+        _cushion_in_words(*cushions[j].tolist()) if is_compliant[j] else words[j] for j in range(num_stops)
+    )
+    normal = laws.normal or (-1,) * contacts.num
+    force = force if laws.coefficient is None else force + np.asarray(laws.coefficient)
+    friction = tuple(
+        Rubbing(rows[j], float(force[j]), float(velocity[j]), None if normal[j] < 0 else normal[j])
+        for j in range(num_stops, num_limits)
+    )
+    return _Switching(words, is_compliant, cushions[:, 1] > 0, cushions[:, 2] > 0, friction)
+
+
+def _mass(inverse: np.ndarray) -> np.ndarray:
+    """Mass matrix, or its diagonal, of the inverse."""
+    return 1 / inverse if inverse.ndim == 1 else np.linalg.inv(inverse)
+
+
+def _load_in_space(machine: Machine, base: BaseLoad | None) -> Waves:
+    """Harmonics of the load in space, without that of a base that moves.
+
+    A machine that moves with its stops (`frame`) has -M w'' - C w' - K w among its own.
+    """
     waves, frame = jax.tree.map(np.asarray, machine.waves), machine.frame
+    parts = [] if base is None else [base.waves]
     if frame is not None:
-        inertia = frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness)
-        waves = jax.tree.map(lambda a, b: np.where(abs(a - b) > NOTHING * abs(b), a - b, 0.0), waves, inertia)
+        parts.append(frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness))
+    for part in parts:
+        waves = jax.tree.map(lambda a, b: np.where(abs(a - b) > NOTHING * abs(b), a - b, 0.0), waves, part)
     return waves
+
+
+def _loads_by_tables(
+    machine: Machine, base: BaseLoad | None
+) -> tuple[np.ndarray, Callable[[float], np.ndarray]] | tuple[None, None]:
+    """Largest loads by tables, and these as a function of time, but those of a base that moves; None if there are none."""
+    tables = machine.tables
+    if tables is None:
+        return None, None
+    own = (True,) * len(tables.streams) if base is None else tuple(not one for one in base.tables)
+    if not any(own):
+        return None, None
+    sizes = [one.bounds()[0] for one, is_own in zip(tables.streams, own, strict=True) if is_own]
+    return np.sum(sizes, axis=0), lambda t: np.asarray(tables.load_of(tables.at(jnp.asarray(t)), own))
 
 
 def _name(force: object) -> str:
