@@ -9,6 +9,18 @@ import xarray as xr
 
 import vijax as vx
 
+from .ends_of_branches import (
+    MOST_BRANCHES,
+    MOST_IMPACTS,
+    MOST_POINTS,
+    MOST_STARTS,
+    SAME,
+    Fault,
+    is_cut,
+    other_ends,
+    starts_of,
+    wrong_ends,
+)
 from .laws import gaps
 from .machines import machine, own_numbers
 from .motions import is_endless
@@ -20,13 +32,12 @@ from .shapes import Shape
 FREQUENCY = "forcing.frequency"
 # Periods before the record of a sweep.
 TRANSIENT = 100
-# Frequencies of a sweep, their relative range; branches are followed from every so many, and from so many orbits.
-POINTS, AROUND, EVERY, MOST_STARTS = 2048, 0.25, 32, 128
-# Most points and branches of a machine, most impacts of an orbit that starts one, and orbits of branches that are run.
-MOST_POINTS, MOST_BRANCHES, MOST_IMPACTS, ROWS = 400, 6, 6, 256
-# Most periods of an orbit that is run, and relative error of one that closes (some have 50 impacts), of multipliers, and of
-# places.
-LONGEST, CLOSED, SAME = 8, 1e-8, 1e-8
+# Frequencies of a sweep, their relative range.
+POINTS, AROUND = 2048, 0.25
+# Most orbits of branches that are run.
+ROWS = 256
+# Most periods of an orbit that is run, and relative error of one that closes (some have 50 impacts), and of multipliers.
+LONGEST, CLOSED = 8, 1e-8
 # Times by which rounding may exceed the difference of two runs that have as much.
 MANY = 10
 # Relative disturbances of orbits, one of which shows what an orbit does: the basin of a stable one may be small, and an
@@ -41,12 +52,8 @@ LESS, MORE = 1e-2, 1e2
 OTHER_UNITS = 20
 # Result codes with which nothing is wrong.
 ALLOWED = "successful", "max_impacts_reached"
-# Ends of branches with which nothing is wrong; the others are named by bifurcations that end a branch.
-ENDS = {"bounds", "closed", "max_points", "left_the_stops", "period_doubling"}
 # Motion that is stable by itself, by its largest multiplier.
 CLEARLY_STABLE = 0.95
-
-Fault = tuple[str, float]
 
 
 class Rows(NamedTuple):
@@ -74,7 +81,7 @@ def check_family(shape: Shape, own: dict, rng: np.random.Generator) -> tuple[lis
         system, values = machine(shape, own), orbits[FREQUENCY].values
         found = _branches(orbits, values)
         other_orbits, again, unit = _branches_in_other_units(shape, own, values, rng)
-        faults += _ends(found) + _other_ends((orbits, other_orbits), found, again, unit)
+        faults += wrong_ends(found) + other_ends((orbits, other_orbits), found, again, unit)
         faults += _on_branches(cycles, orbits, found)
         rows = _rows_of_branches(found)
         if len(rows.values):
@@ -134,7 +141,7 @@ def _branches_in_other_units(
 
 def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False) -> list[vx.Branch]:
     """Branches through some of the orbits."""
-    which = _starts(orbits)[:MOST_STARTS]
+    which = starts_of(orbits)[:MOST_STARTS]
     if not len(which):
         return []
     return vx.branches(
@@ -144,15 +151,6 @@ def _branches(orbits: xr.Dataset, values: np.ndarray, *, backwards: bool = False
         max_branches=MOST_BRANCHES,
         progress=False,
     )
-
-
-def _starts(orbits: xr.Dataset) -> np.ndarray:
-    """Orbits at some frequencies, and where another kind of orbit begins."""
-    n, impacts = orbits["num_periods"].values, orbits["num_impacts"].values
-    is_other = np.append(True, (np.diff(n) != 0) | (np.diff(impacts, axis=0) != 0).any(axis=1))
-    is_start = is_other | (np.arange(len(n)) % EVERY == 0)
-    is_short = impacts.sum(axis=1) <= MOST_IMPACTS
-    return np.flatnonzero(is_start & is_short & orbits["converged"].values)
 
 
 def _codes(own: dict, system: vx.ImpactSystem, ds: xr.Dataset) -> list[Fault]:
@@ -312,74 +310,9 @@ def _attraction(system: vx.ImpactSystem, rows: Rows) -> list[Fault]:
     ]
 
 
-def _ends(found: list[vx.Branch]) -> list[Fault]:
-    ends = {end for branch in found for end in branch.ends}
-    kinds = {point.kind for branch in found for point in branch.bifurcations}
-    return [(f"branch ends: {end}", 1.0) for end in sorted(ends - ENDS - kinds)]
-
-
-def _other_ends(
-    orbits: tuple[xr.Dataset, xr.Dataset], found: list[vx.Branch], again: list[vx.Branch], unit: float
-) -> list[Fault]:
-    """Branches from other starts and in other units are the same, in any order."""
-    if _is_cut(found) or _is_cut(again) or any(len(_starts(its)) > MOST_STARTS for its in orbits):
-        return []
-    # Rounding decides to which orbit a long irregular transient leads: one of few points may be met by one sweep only.
-    met = [set(its["num_periods"].values[_starts(its)].tolist()) for its in orbits]
-    rare = met[0] ^ met[1]
-    rare |= {2 * n for n in rare}
-    one, other = (
-        [
-            outline
-            for outline in (_outline(branch, size) for branch in own if _is_whole(branch))
-            if outline[0] not in rare
-        ]
-        for own, size in ((found, 1.0), (again, unit))
-    )
-    alone = [own for own in one if not any(_is_same(own, its) for its in other)]
-    alone += [its for its in other if not any(_is_same(own, its) for own in one)]
-    return [("branch: from another start it differs", float(len(alone)))] if alone else []
-
-
-def _is_whole(branch: vx.Branch) -> bool:
-    """False for a branch that has the first ones, from its start, of infinitely many grazings towards a completion of chatter."""
-    return "chatter_completion" not in branch.ends
-
-
-def _is_cut(found: list[vx.Branch]) -> bool:
-    """Whether the search may have ended before all branches were found."""
-    points = sum(map(len, found))
-    is_short = any("max_points" in branch.ends for branch in found)
-    return is_short or len(found) >= MOST_BRANCHES or points >= MOST_POINTS
-
-
-def _outline(branch: vx.Branch, unit: float) -> tuple[int, list[tuple[str, float]]]:
-    """Number of periods, and bifurcations and ends of a branch sorted by their values, in a unit.
-
-    Those that rounding hardly separates from a grazing are left out; a closed branch has no ends.
-    """
-    places = sorted((point.value / unit, point.kind) for point in branch.bifurcations)
-    grazings = np.array([value for value, kind in places if kind == "gr"])
-    is_apart = lambda value: (np.abs(grazings - value) > SAME * abs(value)).all()  # noqa: E731
-    points = [(value, kind) for value, kind in places if kind == "gr" or is_apart(value)]
-    ends = sorted(
-        (branch.values[k] / unit, end) for k, end in zip((0, -1), branch.ends, strict=True) if end != "closed"
-    )
-    return int(branch.points.attrs["num_periods"]), [(kind, value) for value, kind in points + ends]
-
-
-def _is_same(one: tuple, other: tuple) -> bool:
-    (n, own), (m, its) = one, other
-    return (
-        n == m
-        and len(own) == len(its)
-        and all(a[0] == b[0] and abs(a[1] - b[1]) <= SAME * abs(a[1]) for a, b in zip(own, its, strict=True))
-    )
-
-
 def _on_branches(cycles: np.ndarray, orbits: xr.Dataset, found: list[vx.Branch]) -> list[Fault]:
     """Every stable orbit of the sweep is on a branch: beside the chord of two of its points."""
-    if _is_cut(found) or len(_starts(orbits)) > MOST_STARTS:
+    if is_cut(found) or len(starts_of(orbits)) > MOST_STARTS:
         return []
     values, n = orbits[FREQUENCY].values, orbits["num_periods"].values
     is_stable = (n > 0) & (np.abs(orbits["multipliers"].values[:, 0]) < CLEARLY_STABLE)

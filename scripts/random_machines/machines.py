@@ -1,6 +1,6 @@
 """Numbers of random machines, and the machines."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,57 +10,43 @@ from .extras import forces_of, load_of
 from .shapes import Row, Shape
 
 
+class _Draws(NamedTuple):
+    """Random numbers of many machines, (count, ...) each."""
+
+    rng: np.random.Generator
+    count: int
+
+    def spread(self, low: float, high: float, *size: int) -> np.ndarray:
+        """Powers of ten between two exponents."""
+        return 10 ** self.rng.uniform(low, high, (self.count, *size))
+
+    def sometimes(self, share: float, value: float, a: np.ndarray) -> np.ndarray:
+        """Numbers of which a share is a value instead."""
+        return np.where(self.rng.random(a.shape) < share, value, a)
+
+
 def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str, np.ndarray]:
     """Draw the numbers of many machines, and starts with no stop passed, (count, ...) each."""
-    n = shape.masses
-
-    def spread(low: float, high: float, *size: int) -> np.ndarray:
-        return 10 ** rng.uniform(low, high, (count, *size))
-
-    def sometimes(share: float, value: float, a: np.ndarray) -> np.ndarray:
-        return np.where(rng.random(a.shape) < share, value, a)
-
-    root = rng.normal(size=(count, n, n)) * 0.3 + np.eye(n)
-    mass = spread(-1, 1, n)
-    full = np.einsum("bij,bj,bkj->bik", root, mass, root) if shape.is_full else mass
-    between, ground = sometimes(0.1, 0.0, spread(-1.5, 1.5, max(n - 1, 1))), spread(-1, 1.5, n)
-    ground = sometimes(0.3, 0.0, ground)
-    ground[:, 0] = spread(-1, 1.5)
-    stiffness = _chain(n, ground, between)
-    share = sometimes(0.15, 0.0, spread(-2.5, -0.3))[:, None, None]
-    damping = share * stiffness
-    if shape.is_general:
-        damping = damping + _chain(n, sometimes(0.5, 0.0, spread(-2, 0, n)), spread(-2, 0, max(n - 1, 1)))
+    n, draws = shape.masses, _Draws(rng, count)
+    spread, sometimes = draws.spread, draws.sometimes
+    matrices = _draw_matrices(draws, shape)
     driven = float(shape.is_driven)
     size = sometimes(0.3, 0.0, spread(-1, 0.5, shape.harmonics, n))
     size[:, 0, 0] = spread(-0.5, 0.5)
-    num_stops, num_contacts = len(shape.stops), len(shape.contacts)
-    num_cushions, num_pads = len(shape.cushions), len(shape.pads)
+    num_contacts, num_cushions, num_pads = len(shape.contacts), len(shape.cushions), len(shape.pads)
     force = spread(-1.5, 0.3, num_pads)
-    x0, travel = np.zeros((count, n)), rng.uniform(0.0, 0.2, count)
-    position = sometimes(0.1, 0.0, rng.uniform(0.02, 0.8, (count, num_stops)))
-    # Both stops of a mass cannot be at 0: the later one is moved away.
-    masses = [i for i, _ in shape.stops]
-    for j, i in enumerate(masses):
-        if i in masses[:j]:
-            is_shut = position[:, masses.index(i)] + position[:, j] == 0
-            position[:, j] = np.where(is_shut, 0.1, position[:, j])
-    distance = sometimes(0.1, 0.0, rng.uniform(0.02, 0.8, (count, num_contacts)))
-    for j, row in enumerate(shape.contacts):  # nor two contacts that act against each other
-        for k in (k for k, other in enumerate(shape.contacts[:j]) if other == row[::-1]):
-            distance[:, j] = np.where(distance[:, j] + distance[:, k] == 0, 0.1, distance[:, j])
+    travel = rng.uniform(0.0, 0.2, count)
+    position, distance = _draw_places(draws, shape)
     if shape.is_moving:  # at the start it may be anywhere on its way
         position[:, 0] += travel
     numbers = {
-        "mass": full,
-        "damping": damping,
-        "stiffness": stiffness,
+        **matrices,
         "amplitude": driven * size,
         "phase": rng.uniform(0, 2 * np.pi, (count, shape.harmonics, n)),
         "mean": driven * sometimes(0.5, 0.0, rng.normal(size=(count, n)) * 0.3),
         "frequency": spread(-0.5, 0.5),
         "position": position,
-        "restitution": _restitution(rng, (count, num_stops)),
+        "restitution": _restitution(rng, position.shape),
         "travel": travel,
         "distance": distance,
         "contact_restitution": np.repeat(_restitution(rng, (count, 1)), num_contacts, axis=1),
@@ -73,12 +59,50 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
         "belt": driven * sometimes(0.7, 0.0, rng.normal(size=(count, num_pads)) * 0.3),
         "slider_stiffness": spread(-1, 1.5, len(shape.sliders)),
         "slider_limit": spread(-1.5, 0.3, len(shape.sliders)),
-        "x0": x0,
+        "x0": np.zeros((count, n)),
         "v0": rng.normal(size=(count, n)),
     }
     return numbers | {
         "coefficient": largest_coefficients(shape, numbers) * spread(-1.5, 0.0, len(shape.rubs))
     }
+
+
+def _draw_matrices(draws: _Draws, shape: Shape) -> dict[str, np.ndarray]:
+    """Masses, dampers and springs."""
+    n = shape.masses
+    root = draws.rng.normal(size=(draws.count, n, n)) * 0.3 + np.eye(n)
+    mass = draws.spread(-1, 1, n)
+    full = np.einsum("bij,bj,bkj->bik", root, mass, root) if shape.is_full else mass
+    between, ground = (
+        draws.sometimes(0.1, 0.0, draws.spread(-1.5, 1.5, max(n - 1, 1))),
+        draws.spread(-1, 1.5, n),
+    )
+    ground = draws.sometimes(0.3, 0.0, ground)
+    ground[:, 0] = draws.spread(-1, 1.5)
+    stiffness = _chain(n, ground, between)
+    share = draws.sometimes(0.15, 0.0, draws.spread(-2.5, -0.3))[:, None, None]
+    damping = share * stiffness
+    if shape.is_general:
+        damping = damping + _chain(
+            n, draws.sometimes(0.5, 0.0, draws.spread(-2, 0, n)), draws.spread(-2, 0, max(n - 1, 1))
+        )
+    return {"mass": full, "damping": damping, "stiffness": stiffness}
+
+
+def _draw_places(draws: _Draws, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of stops, and distances of contacts."""
+    position = draws.sometimes(0.1, 0.0, draws.rng.uniform(0.02, 0.8, (draws.count, len(shape.stops))))
+    # Both stops of a mass cannot be at 0: the later one is moved away.
+    masses = [i for i, _ in shape.stops]
+    for j, i in enumerate(masses):
+        if i in masses[:j]:
+            is_shut = position[:, masses.index(i)] + position[:, j] == 0
+            position[:, j] = np.where(is_shut, 0.1, position[:, j])
+    distance = draws.sometimes(0.1, 0.0, draws.rng.uniform(0.02, 0.8, (draws.count, len(shape.contacts))))
+    for j, row in enumerate(shape.contacts):  # nor two contacts that act against each other
+        for k in (k for k, other in enumerate(shape.contacts[:j]) if other == row[::-1]):
+            distance[:, j] = np.where(distance[:, j] + distance[:, k] == 0, 0.1, distance[:, j])
+    return position, distance
 
 
 def largest_coefficients(shape: Shape, a: dict[str, np.ndarray]) -> np.ndarray:

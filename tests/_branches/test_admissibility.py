@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import vijax as vx
-from vijax._branches.admissibility import LeastMargins, margins_of_cycle
+from vijax._branches.admissibility import margins_of_cycle
+from vijax._branches.margin_scan import LeastMargins
 from vijax._hybrid.limits import RELEASE, SLIP
 from vijax._machine.numbers import numbers_of
 from vijax._machine.state import AHEAD, FREE, HELD, KEPT_AHEAD

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._branches.kernels import corrected_cycle, corrected_cycles, padded, room_for
-from vijax._branches.starts import families_of, points_of, starting_orbits
+from vijax._branches.kernels import corrected_cycle, corrected_cycles
+from vijax._branches.padding import padded, room_for
+from vijax._branches.start_points import points_of
+from vijax._branches.starts import families_of, starting_orbits
 
 pytestmark = pytest.mark.slow
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._branches.kernels import CycleEquations, padded, room_for
-from vijax._branches.starts import families_of, points_of, starting_orbits
+from vijax._branches.kernels import CycleEquations
+from vijax._branches.padding import padded, room_for
+from vijax._branches.start_points import points_of
+from vijax._branches.starts import families_of, starting_orbits
 from vijax._orbits.cycle import linearise_course, traverse
 
 FREQUENCY = "forcing.frequency"

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from vijax._branches.kernels import corrected_cycle, padded, simulate_motion
+from vijax._branches.kernels import corrected_cycle, simulate_motion
+from vijax._branches.padding import padded
 from vijax._branches.parameter_family import ExtendedCycle
 from vijax._branches.request_rows import padded_cycles, padded_sequences, rows_of_parts
 from vijax._branches.requests import KernelCall

@@ -7,10 +7,12 @@ import pytest
 from scipy.interpolate import BPoly
 
 from vijax._branches import test_functions as tests
-from vijax._branches.admissibility import LeastMargins, Margins
+from vijax._branches.admissibility import Margins
 from vijax._branches.corrector import Corrected
-from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, corrected_cycle, padded
+from vijax._branches.kernels import CorrectedCycle, corrected_cycle
+from vijax._branches.margin_scan import LeastMargins
 from vijax._branches.minima import _NODES, _at_nodes
+from vijax._branches.padding import MOST_EVENTS, padded
 from vijax._branches.parameter_family import ExtendedCycle, ParameterFamily
 from vijax._branches.point import BranchPoint, PlainPoint, TooManyEvents, stacked_cycles
 from vijax._branches.requests import KernelCall

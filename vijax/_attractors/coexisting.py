@@ -68,7 +68,7 @@ def coexisting(machines: Machines, ends: Endpoints, known: list[Attractor] | Non
             label[unknown] = belongs(motions, ends, unknown)
         is_told = len(motions) > num_known or (label[left] >= 0).any()
         if not is_told and len(left) > _SAMPLE:
-            break  # among few that are left one may leave a transient later; among many none will
+            break  # a full sample brought nothing new; where few are left, one may still leave a transient
     return Coexisting(motions, label)
 
 

@@ -1,6 +1,5 @@
-"""Margins between the events of many cycles at once: the scan of `admissibility.py`, every number an array over lanes."""
+"""Margins between the events of many cycles at once: the scan of `margin_scan.py`, every number an array over lanes."""
 
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -8,20 +7,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._jax.arrays import shapes_of_row, with_rows_first, with_rows_last
 from .._lanes.kernels import kernel_of, pruned
 from .._orbits.cycle import Moment, Problem, moved_by
 from .._orbits.sequence import Sequence
-from .admissibility import (
-    Course,
-    LeastMargins,
-    Margins,
-    course_of,
-    least_margins,
-    of_flight,
-    read,
-    with_margins_at_events,
-)
+from .admissibility import Margins, course_of, read, with_margins_at_events
 from .batch_moments import Moments
+from .margin_scan import Course, LeastMargins, least_margins, of_flight
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 
@@ -33,11 +25,9 @@ def margins_of_cycles(
     Raises:
         NotImplementedError: if a law of the machine is made of what `lanes_last` does not know.
     """
-    of_one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), (families, sequences, places))
-    family, sequence, place = of_one
+    family, sequence, place = shapes_of_row((families, sequences, places))
     problem = eqx.filter_eval_shape(lambda *of: of[0].problem(*of[1:]), family, sequence, place.p)
-    begin = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[2:], a.dtype), begins)
-    mode = jax.ShapeDtypeStruct(sequence.mode.shape[1:], sequence.mode.dtype)
+    begin, mode = shapes_of_row(shapes_of_row((begins, sequences.mode)))
     picked, reading = pruned(_read, problem, begin, mode, place.p)
 
     def prepared(
@@ -48,8 +38,7 @@ def margins_of_cycles(
 
     numbers, course = jax.vmap(prepared, out_axes=-1)(families, sequences, places, begins)
     with jax.numpy_rank_promotion("allow"):  # numbers of all lanes go with those of each
-        found = least_margins(course, lambda *of: kernel_of(reading)(numbers, *of))
-    found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
+        found = with_rows_first(least_margins(course, lambda *of: kernel_of(reading)(numbers, *of)))
 
     def whole(
         family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, begins: Moment, found: LeastMargins
@@ -77,28 +66,27 @@ def rates_of_cycles(
         moments: of the cycles, and their rates.
         watched: their least margins.
     """
-    last = partial(jax.tree.map, lambda a: jnp.moveaxis(a, 0, -1))
-    first = partial(jax.tree.map, lambda a: jnp.moveaxis(a, -1, 0))
-    of_one = partial(jax.tree.map, lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype))
     (now, rates), stops = moments, watched.gap.shape[1]
     prepared = lambda family, sequence, place: family.linear_problem(sequence, place.p)  # noqa: E731
-    begin, rate, mode = of_one(of_one((now.begins, rates.begins, sequences.mode)))
-    equations = eqx.filter_eval_shape(prepared, *of_one((families, sequences, places)))
+    begin, rate, mode = shapes_of_row(shapes_of_row((now.begins, rates.begins, sequences.mode)))
+    equations = eqx.filter_eval_shape(prepared, *shapes_of_row((families, sequences, places)))
     picked, reading = pruned(_rates_of_reading, equations, begin, rate, mode, begin.time, begin.time)
     numbers = jax.vmap(lambda *of: picked(prepared(*of)), out_axes=-1)(families, sequences, places)
-    begins, modes, along = last((now.begins, sequences.mode, along))
-    flights = last(jnp.concatenate([watched.gap_flight, watched.force_flight, watched.rise_flight], axis=1))
+    begins, modes, along = with_rows_last((now.begins, sequences.mode, along))
+    flights = with_rows_last(
+        jnp.concatenate([watched.gap_flight, watched.force_flight, watched.rise_flight], axis=1)
+    )
     times = [watched.gap_time, watched.force_time, jnp.full_like(watched.gap_time, -jnp.inf)]
-    times = last(jnp.concatenate(times, axis=1) + families.phase[:, None])
+    times = with_rows_last(jnp.concatenate(times, axis=1) + families.phase[:, None])
 
     def one(row: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         flight, time = row
-        begin, rate, mode = of_flight((begins, last(rates.begins), modes), flight)
+        begin, rate, mode = of_flight((begins, with_rows_last(rates.begins), modes), flight)
         # Rises are those at the beginning of their flights: earlier times are clipped to it.
         return kernel_of(reading)(numbers, begin, rate, mode, jnp.maximum(time - begin.time, 0), along)
 
     with jax.numpy_rank_promotion("allow"):
-        found = first(jax.lax.map(one, (flights, times)))
+        found = with_rows_first(jax.lax.map(one, (flights, times)))
     # (lanes, rows, stops): a row for each stop and kind of margin.
     gap, force, rise = (
         jnp.diagonal(a[:, k * stops : (k + 1) * stops], axis1=1, axis2=2) for k, a in enumerate(found)

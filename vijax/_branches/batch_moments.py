@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._jax.arrays import shapes_of_lane, shapes_of_row, with_rows_first, with_rows_last
 from .._lanes.kernels import kernel_of, pruned
 from .._orbits.cycle import Moment, Problem, fly_to_event, initial_moment, moved_by
 from .._orbits.sequence import NOTHING, Sequence
-from .batch_corrector import WeightedFlight, flights_of
+from .batch_pass import WeightedFlight, flights_of
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 
@@ -30,15 +31,12 @@ def moments_of_cycles(
     Raises:
         NotImplementedError: if a law of the machine is made of what `lanes_last` does not know.
     """
-    last = partial(jax.tree.map, lambda a: jnp.moveaxis(a, 0, -1))
-    first = partial(jax.tree.map, lambda a: jnp.moveaxis(a, -1, 0))
-    of_one = partial(jax.tree.map, lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype))
     prepared = lambda family, sequence, place: family.linear_problem(sequence, place.p)  # noqa: E731
-    sequence, place, way, scale = last((sequences, places, along, families.scale))
+    sequence, place, way, scale = with_rows_last((sequences, places, along, families.scale))
     flights = flights_of(sequence, place.flights, way.flights)
     # Arguments of both kernels, of one cycle.
-    equations = eqx.filter_eval_shape(prepared, *of_one((families, sequences, places)))
-    z, p, flight = *of_one((places.z, places.p)), of_one(of_one(first(flights)))
+    equations = eqx.filter_eval_shape(prepared, *shapes_of_row((families, sequences, places)))
+    z, p, flight = *shapes_of_row((places.z, places.p)), shapes_of_row(shapes_of_lane(flights))
     begun = eqx.filter_eval_shape(_begun, equations, z, z, p)
     begin, past = pruned(_begun, equations, z, z, p), pruned(_past_event, equations, flight, begun, p)
     picked = lambda *of: tuple(pick(prepared(*of)) for pick, _ in (begin, past))  # noqa: E731
@@ -55,7 +53,7 @@ def moments_of_cycles(
     rows = lambda a: jnp.zeros((len(flights.duration), *a.shape), a.dtype)  # noqa: E731
     nothing = now, jax.tree.map(rows, now), (rows(way.p), rows(way.p))
     num = 1 + jnp.max(jnp.sum(sequences.kind != NOTHING, axis=1))
-    _, (begins, rates), speeds = first(jax.lax.fori_loop(0, num, one, nothing))
+    _, (begins, rates), speeds = with_rows_first(jax.lax.fori_loop(0, num, one, nothing))
     speed, rise = (a[:, :-1] for a in speeds)  # the flight that closes a cycle has none
     return Moments(begins, speed), Moments(rates, rise)
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from .._jax.packing import Packed, pack
 from .._jax.xla import jit_for_lanes, jit_lightly, jit_quickly
-from .kernels import ROOM_OF_SIMULATION
+from .._system.system import machine_of
+from .padding import ROOM_OF_SIMULATION
 from .parameter_family import ParameterFamily
 from .step_kernel import each_row, first_corrections, take_steps
 
@@ -31,7 +32,7 @@ class Stock:
     def __init__(self, families: dict[int, ParameterFamily]):
         # What a family has depends on its tree structure and shapes alone: it is not asked of each.
         first = next(iter(families.values()))
-        self.switches, self.has_grip = first.is_switching, first.has_tied_friction
+        self.switches, self.has_grip = machine_of(first.system).is_switching, first.has_tied_friction
         own = {id(family): family for family in families.values()}
         self.rows = pack(stacked(list(own.values())), has_rows=True)
         rows = {one: row for row, one in enumerate(own)}
@@ -74,7 +75,7 @@ def call(
     """Results of a kernel for some tasks and the rows of its other arguments, computed batch by batch, in a form."""
     size = (form or stock.form(len(tasks))).size
     run = compiled(program, size)
-    return answers(tasks, in_parts(run, size, stock.of(tasks), pack(rows, has_rows=True))[0])
+    return answers(tasks, in_batches(run, size, stock.of(tasks), pack(rows, has_rows=True))[0])
 
 
 def answers(tasks: Many[int], found: Packed) -> dict[int, Any]:
@@ -82,7 +83,7 @@ def answers(tasks: Many[int], found: Packed) -> dict[int, Any]:
     return dict(zip(tasks, found.each_unpacked(), strict=True))
 
 
-def in_parts(run: Callable, size: int, *arguments: Any) -> tuple[Packed, ...]:
+def in_batches(run: Callable, size: int, *arguments: Any) -> tuple[Packed, ...]:
     """Call a compiled kernel for parts of a batch, each of a size, and join its results."""
     num = len(arguments[0].reals)
     # The last part is filled up with its last row.

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .kernels import trimmed
 from .kinds import EndKind
+from .padding import trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, End, correct_with_free_parameter, corrected
 from .requests import Requests

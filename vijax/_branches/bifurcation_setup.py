@@ -16,8 +16,9 @@ from .defining_systems import (
     AtTurn,
     DefiningSystem,
 )
-from .kernels import CorrectedCycle, padded, room_for
+from .kernels import CorrectedCycle
 from .kinds import MONITOR, Kind, public_kind
+from .padding import padded, room_for
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .peak_setup import peak_condition
 from .point import BranchPoint, correct_with_free_parameter
@@ -25,7 +26,7 @@ from .scheduler import drive
 from .sequence_edits import with_event, with_events_merged, with_slip_behind
 from .starts import Start, family_of, starting_orbits
 from .test_functions import TestFunction, grips, kind_at, tests_of
-from .tolerances import AT_BIFURCATION, NO_DURATION, NO_SPEED
+from .tolerances import AT_BIFURCATION, ROUNDED, ROUNDED_BY_TYPE
 
 _NO_SYSTEM: dict[str, str] = {
     Kind.CHATTER_COMPLETION: 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
@@ -151,10 +152,10 @@ def with_bifurcation_event(
         int(getattr(watched, test.least + "_flight")[k]),
         float(getattr(watched, test.least + "_time")[k]),
     )
-    events = (CLOSE, SLIP) if sequence.is_switching else (IMPACT, RELEASE)
+    events = (IMPACT, RELEASE) if sequence.num_groups == 1 else (CLOSE, SLIP)
     event = events[test.least == "force"] + SECOND * (k >= num)
     sequence, place = with_event(sequence, place, event, k % num, flight, time)
-    is_later = bool(place.flights[flight] > NO_DURATION[str(place.flights.dtype)])
+    is_later = bool(place.flights[flight] > ROUNDED_BY_TYPE[str(place.flights.dtype)])
     if kind == Kind.DOUBLE_IMPACT:
         # A guard that another event cuts off vanishes at the beginning of its flight, or at the end.
         return sequence, place, flight + is_later, False
@@ -163,7 +164,7 @@ def with_bifurcation_event(
 
 def _vanishing(tests: Iterable[TestFunction], sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
     """The test function that vanishes: a grazing impact is also a touch, with a gap of exactly zero, and takes precedence."""
-    light = NO_SPEED * np.abs(seen.start[len(seen.start) // 2 :]).max()
+    light = ROUNDED * np.abs(seen.start[len(seen.start) // 2 :]).max()
     impacts = [
         test
         for test in tests

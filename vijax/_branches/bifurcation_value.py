@@ -21,7 +21,7 @@ from .branch import Bifurcation, Peak
 from .defining_systems import AbstractCondition, DefiningSystem, implicit_solution, solve
 from .parameter_family import ExtendedCycle
 from .peak_condition import height_of
-from .tolerances import VALUE_ROUNDING
+from .tolerances import ROUNDED_BY_TYPE
 
 _SENTENCES = (
     "",
@@ -173,7 +173,7 @@ def _solved(
     is_motion = _is_admissible(defining, place)
     # Without the symmetry the branches part, and the unfolding is not zero.
     parts = jnp.max(jnp.abs(solved.defining.condition.unfolding(own)))
-    is_found = solved.is_found & (parts < VALUE_ROUNDING[str(solved.y.dtype)])
+    is_found = solved.is_found & (parts < ROUNDED_BY_TYPE[str(solved.y.dtype)])
     return solved.defining.condition, solved.y, jnp.where(is_found, jnp.where(is_motion, 0, 2), 1)
 
 
@@ -191,4 +191,4 @@ def _is_admissible(defining: DefiningSystem, place: ExtendedCycle) -> Array:
         jnp.min(speeds, initial=jnp.inf) / speed,
         jnp.min(place.flights[1:], initial=jnp.inf),
     ]
-    return jnp.min(jnp.stack(least)) > -VALUE_ROUNDING[str(length.dtype)]
+    return jnp.min(jnp.stack(least)) > -ROUNDED_BY_TYPE[str(length.dtype)]

@@ -1,45 +1,29 @@
 """Result of `continuation`: a branch of periodic orbits and its bifurcations."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import variable_attributes, versions
 from .._dataset_checks import check_columns, finite_attribute, parsed_attribute
-from .._flow.choose import choose_flow
-from .._flow.taylor import TaylorFlow
-from .._hybrid.limits import IMPACT
-from .._jax.xla import compile_quickly
-from .._machine.numbers import numbers_of
-from .._orbits.autonomous import log_and_progression
-from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
-from .._orbits.floquet import with_phase
-from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
-from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
-from .._orbits.sequence import NOTHING, SECOND, Sequence
-from .._sweep.short_names import with_labels
+from .._orbits.orbit import PeriodicOrbit
+from .._orbits.sequence import Sequence
 from .._system.family import Family
-from .._system.family_description import attributes_of_system, system_from
+from .._system.family_description import system_from
 from .._system.forces_by_path import Allowed
-from .._system.parameters import set_parameter
-from .._system.system import AnySystem, bound, machine_of
-from .kernels import CorrectedCycle
-from .kinds import MONITOR, EndKind, public_kind
+from .._system.system import AnySystem, bound
+from .branch_columns import dataset_of
+from .branch_orbits import OF_SEQUENCE, orbit_at, sequence_at
+from .kinds import MONITOR
 from .parameter_family import ExtendedCycle, ParameterFamily
-from .point import BranchPoint, DirectedBranch, PeakMark, PlainPoint, stacked_cycles
+from .point import BranchPoint, DirectedBranch
 
-# `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
-# `_SPARE`: spare room of a log.
-# `_OF_CHATTER`: the same where stops hold, as a chatter may complete later.
-_STEP_OF_ROOM, _SPARE, _OF_CHATTER = 8, 4, 32
 # Columns from which an orbit is built, and their dimensions.
 _OF_ORBITS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("is_stable", "is_admissible", "residual"), ("point",)),
@@ -78,11 +62,11 @@ class Branch:
 
     def __getattr__(self, name: str) -> Any:
         """`points` of a branch just followed: the dataset is made when it is first read, see `branch_of`."""
-        if name != "points" or "_dataset" not in self.__dict__:
+        if name != "points" or "dataset_of" not in self.__dict__:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        points = self.__dict__["_dataset"]()
+        points = self.__dict__["dataset_of"]()
         object.__setattr__(self, "points", points)
-        del self.__dict__["_dataset"]
+        del self.__dict__["dataset_of"]
         return points
 
     def __getstate__(self) -> dict[str, Any]:
@@ -135,7 +119,7 @@ class Branch:
         _check_orbits(self.points, system)
         if not -len(self) <= k < len(self):
             raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
-        return _orbit(jax.tree.map(jnp.asarray, bound(system)), self.points.isel(point=k))
+        return orbit_at(jax.tree.map(jnp.asarray, bound(system)), self.points.isel(point=k))
 
     def __len__(self) -> int:
         return self.points.sizes.get("point", 0)
@@ -258,189 +242,8 @@ def branch_of(
     branch = object.__new__(Branch)
     walks = [replace(walk, points=walk.all_points(), monitored=[], cascade=[]) for walk in (back, forth)]
     own = {"system": family.system, "allow_forces": False, "force": None, "family": None}
-    branch.__dict__.update(own, _dataset=partial(_dataset, family, start, *walks))
+    branch.__dict__.update(own, dataset_of=partial(dataset_of, family, start, *walks))
     return branch
-
-
-def _dataset(
-    family: ParameterFamily, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch
-) -> xr.Dataset:
-    """Dataset of the points of a branch."""
-    if forth.end == EndKind.CLOSED and back.end in (EndKind.CLOSED, EndKind.MAX_POINTS, EndKind.INTERRUPTED):
-        back = replace(back, points=[], end=EndKind.CLOSED)
-    points = [*back.points[::-1], start, *forth.points]
-    seen = stacked_cycles(points)
-    arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]
-    columns = {
-        family.path: (("point",), seen.found.place.p * family.span),
-        "arclength": (("point",), np.array(arcs)),
-        **_columns_of_orbits(points, seen, family),
-        **_columns_of_events(points, seen, family.system.num_stops),
-        "start": (("point", "state"), seen.found.place.z * family.scale),
-    }
-    attrs = {
-        **attributes_of_system(family.system),
-        "dtype": str(columns["x0"][1].dtype),
-        "path": family.path,
-        "num_periods": 0 if family.is_autonomous else int(family.num_periods),
-        "phase": float(family.phase),
-        "ends": json.dumps([back.end, forth.end]),
-        **versions(),
-    }
-    if family.is_autonomous:
-        unit = 2 * np.pi / float(family.system.forcing.frequency)
-        columns["period"] = (("point",), unit * columns["flight"][1].sum(axis=1))
-        columns["multipliers"] = ("point", "multiplier"), _with_phase(columns["multipliers"][1])
-    ds = xr.Dataset(columns, attrs=attrs).set_coords(family.path)
-    for name, variable in ds.variables.items():
-        variable.attrs = variable_attributes(str(name))
-    return with_labels(ds, family.system)
-
-
-_with_phase = jax.jit(jax.vmap(with_phase))
-
-
-def _columns_of_orbits(
-    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, family: ParameterFamily
-) -> dict[str, tuple]:
-    """Columns with one entry for each point."""
-    x0, v0 = np.split(seen.start, 2, axis=1)
-    multipliers = seen.found.multipliers
-    return {
-        "x0": (("point", "mass"), x0),
-        "v0": (("point", "mass"), v0),
-        "multipliers": (("point", "multiplier"), multipliers),
-        "is_stable": (
-            ("point",),
-            np.count_nonzero(~(np.abs(multipliers) < 1), axis=1) == num_of(family.drift),
-        ),
-        "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
-        "closest_gap": (("point", "stop"), seen.watched.gap[:, : family.system.num_stops]),
-        "residual": (("point",), seen.found.residual),
-        "bifurcation": (
-            ("point",),
-            np.array([public_kind(point.kind) for point in points]),
-        ),
-        **_columns_of_peaks(points),
-    }
-
-
-def _columns_of_peaks(points: list[BranchPoint | PlainPoint]) -> dict[str, tuple]:
-    """Columns of peaks, if there are any."""
-    marks = [point.peak for point in points]
-    if not any(marks):
-        return {}
-    none = PeakMark("", "", np.nan)
-    names = ("peak", "peak_quantity", "peak_height", "peak_event")
-    columns = zip(*(mark or none for mark in marks), strict=True)
-    return {name: (("point",), np.array(column)) for name, column in zip(names, columns, strict=True)}
-
-
-def _columns_of_events(
-    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, num_stops: int
-) -> dict[str, tuple]:
-    """Columns with one entry for each event of each point, padded."""
-    # Most points share the sequence of the one before, as the same object.
-    sequences = {id(point.sequence): point.sequence for point in points}
-    numbers = {one: number for number, one in enumerate(sequences)}
-    which = np.array([numbers[id(point.sequence)] for point in points])
-    own = list(sequences.values())
-    # A log has at least one entry, be it padding.
-    room = max(1, *(len(one.kind) for one in own))
-    kind = _rows([one.kind for one in own], room, NOTHING)[which]
-    stop = _rows([one.stop for one in own], room, -1)[which]
-    held = _rows([one.held for one in own], room + 1, False)[which]
-    is_impact = kind == IMPACT
-    events, found = ("point", "event"), seen.found
-    impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
-    switching = {}
-    if own[0].is_switching:
-        modes = _rows([one.mode for one in own], room + 1, 0)[which]
-        guard, kind = (
-            np.where(kind == NOTHING, 0, kind // SECOND),
-            np.where(kind == NOTHING, kind, kind % SECOND),
-        )
-        switching = {
-            "event_guard": (events, guard),
-            "mode": (("point", "flight_number", "element"), modes),
-        }
-    return switching | {
-        "num_impacts": (("point", "stop"), np.count_nonzero(impacts, axis=1)),
-        "impact_speed": (events, np.where(is_impact, found.speeds[:, :room], np.nan)),
-        "event_kind": (events, kind),
-        "event_stop": (events, stop),
-        "flight": (events, np.where(kind != NOTHING, found.place.flights[:, :room], 0.0)),
-        "held": (("point", "flight_number", "stop"), held[..., :num_stops]),
-    }
-
-
-def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
-    """Stack arrays of different lengths as rows, padded with `fill`."""
-    values = [np.asarray(a) for a in values]
-    whole = np.full((len(values), room, *values[0].shape[1:]), fill, np.result_type(values[0], type(fill)))
-    for row, a in zip(whole, values, strict=True):
-        row[: len(a)] = a[:room]
-    return whole
-
-
-def _orbit(system: AnySystem, point: xr.Dataset) -> PeriodicOrbit:
-    """Orbit of one point of a branch."""
-    system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
-    columns = {name: point[name].values for name in _OF_SEQUENCE if name in point}
-    sequence = _sequence_at(columns, point.sizes["event"])
-    n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
-    machine = machine_of(system)
-    flow = choose_flow(machine, can_stick=True) if n else TaylorFlow()
-    unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
-    cycle = jax.tree.map(jnp.asarray, sequence), unknowns, np.asarray(float(n or 1)), np.asarray(phase)
-    events, progression = _log(
-        numbers_of(machine), flow, *cycle, room=_room_of_log(sequence), is_autonomous=n == 0
-    )
-    period = n * system.forcing.period
-    if n == 0:
-        period, still = point["period"].values, system.forcing
-        system = eqx.tree_at(lambda s: s.forcing.frequency, system, 0 * still.frequency)
-    multipliers = jnp.asarray(point["multipliers"].values)
-    return PeriodicOrbit(
-        system=system,
-        num_periods=n,
-        period=jnp.asarray(period),
-        phase=jnp.asarray(phase),
-        x0=jnp.asarray(point["x0"].values),
-        v0=jnp.asarray(point["v0"].values),
-        events=events,
-        progression=progression,
-        num_impacts=jnp.asarray(point["num_impacts"].values),
-        multipliers=multipliers,
-        is_stable=jnp.asarray(point["is_stable"].values),
-        is_admissible=jnp.asarray(point["is_admissible"].values),
-        residual=jnp.asarray(point["residual"].values),
-        num_runs=jnp.array(0),
-        result=ORBIT_RESULTS.successful,
-        args=None,
-        flow=None,
-    )
-
-
-def _room_of_log(sequence: Sequence) -> int:
-    """Room for the entries of a log: impacts, and the sticks and releases of their instants.
-
-    Some is spare: a run may have other bounces of a chatter, or an impact where the orbit grazes.
-    """
-    num_changes = np.count_nonzero(np.diff(sequence.mode.astype(int), axis=0))
-    spare = _OF_CHATTER if num_changes else _SPARE
-    count = int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) + spare
-    return _STEP_OF_ROOM * -(-count // _STEP_OF_ROOM)
-
-
-@compile_quickly
-def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room, is_autonomous):
-    machine = prepared(numbers, flow, num_periods)
-    shifts = free_shifts(numbers), free_drifts(numbers)
-    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), *shifts, is_autonomous)
-    if is_autonomous:
-        return log_and_progression(problem, unknowns, room)
-    return log_of_cycle(problem, unknowns, room), progression_of(problem, unknowns)
 
 
 class Peak(Bifurcation):
@@ -478,23 +281,8 @@ class Peak(Bifurcation):
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:
     """Sequence and extended cycle of a bifurcation, its state divided by `scale`, its parameter set to `p`."""
     points = point.branch.points  # not `isel`, which takes milliseconds
-    names = ("start", "flight", *_OF_SEQUENCE)
+    names = ("start", "flight", *OF_SEQUENCE)
     at = {name: points[name].values[point.index] for name in names if name in points}
     num_events = int(np.count_nonzero(at["event_kind"] >= 0))
     flights = at["flight"][:num_events]
-    return _sequence_at(at, num_events), ExtendedCycle(at["start"] / scale, flights, np.asarray(p))
-
-
-# Columns of a sequence of events; machines that only impact have no guards and modes.
-_OF_SEQUENCE = ("event_kind", "event_stop", "event_guard", "held", "mode")
-
-
-def _sequence_at(point: Mapping[str, np.ndarray], num_events: int) -> Sequence:
-    """Sequence of one point of a branch, from its columns."""
-    kind, stop = (point[name][:num_events] for name in ("event_kind", "event_stop"))
-    if "mode" not in point:
-        return Sequence(kind, np.maximum(stop, 0), point["held"][: num_events + 1])
-    mode = point["mode"][: num_events + 1].astype(np.int8)
-    last = np.count_nonzero(kind != NOTHING)
-    mode[last:] = mode[last]
-    return Sequence(kind + SECOND * point["event_guard"][:num_events], np.maximum(stop, 0), mode)
+    return sequence_at(at, num_events), ExtendedCycle(at["start"] / scale, flights, np.asarray(p))

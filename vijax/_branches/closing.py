@@ -3,16 +3,16 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .kernels import trimmed
+from .padding import trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch, between, on_plane
 from .requests import Requests, ask, location_on
 from .sequence_edits import are_alike
-from .tolerances import LEAST_COSINE, RETURNED, SAME_CYCLE
+from .tolerances import LEAST_COSINE, LOCATED, SAME
 
 
 def repetitions_of(
-    sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = RETURNED
+    sequence: Sequence, place: ExtendedCycle, num_periods: int | float, within: float = LOCATED
 ) -> Requests[int]:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one, within a distance."""
     num_periods = _finite(num_periods)
@@ -52,7 +52,7 @@ def is_at_start(
         return False
     seen = yield from on_plane(point, start.place, s)
     found = trimmed(seen.found.place, len(point.sequence.kind))
-    return bool(seen.found.is_converged and found.distance(start.place) < SAME_CYCLE)
+    return bool(seen.found.is_converged and found.distance(start.place) < SAME)
 
 
 def first_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[int | None]:
@@ -68,7 +68,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[int | No
             continue
         for n in range(_finite(walk.num_periods)):
             z = yield from ask(location_on(last.sequence, last.place, float(n)))
-            if np.abs(z - old.place.z).max() < SAME_CYCLE and (n > 0 or _is_same_way(old, last)):
+            if np.abs(z - old.place.z).max() < SAME and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]
     return None
@@ -76,7 +76,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[int | No
 
 def _may_be_same(old: BranchPoint, new: BranchPoint) -> bool:
     """True if kind, parameter and events agree: close grazings of different sequences are different points."""
-    is_near = old.kind == new.kind and abs(old.place.p - new.place.p) < SAME_CYCLE
+    is_near = old.kind == new.kind and abs(old.place.p - new.place.p) < SAME
     return bool(is_near and _events(old.sequence) == _events(new.sequence))
 
 

@@ -13,9 +13,10 @@ from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import all_shifts
 from .._orbits.search import frame_offset
 from .._orbits.sequence import Sequence, num_erased
-from .admissibility import LeastMargins, margins_of_cycle
+from .admissibility import margins_of_cycle
+from .cycle_derivatives import jacobian
 from .defining_systems import DefiningSystem, Plane, solve
-from .kernels import jacobian
+from .margin_scan import LeastMargins
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 

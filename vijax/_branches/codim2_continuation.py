@@ -13,8 +13,8 @@ from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
 from .defining_systems import AbstractCondition, AtEvent, AtGrip, AtTurn, DefiningSystem, Plane
-from .kernels import padded, trimmed
 from .kinds import EndKind
+from .padding import padded, trimmed
 from .parameter_family import ExtendedCycle
 from .peak_condition import AtPeak
 from .peak_quantities import PeakQuantity
@@ -24,12 +24,12 @@ from .scheduler import answer
 from .sequence_edits import passed_section, shifted
 from .tolerances import (
     CURVE_IS_BACK,
-    CURVE_ON_BOUND,
-    CURVE_ZERO,
-    FIRST_ON_CURVE,
+    EXACT,
+    FIRST_STEP,
     LEAST_COSINE,
     LONGEST_ON_CURVE,
-    SHORTEST_ON_CURVE,
+    ROUNDED,
+    SHORTEST_STEP,
     TRUSTED,
 )
 
@@ -126,9 +126,9 @@ class Curve:
 
     def follow(self, begun: CurveState, bar: tqdm, found: list[CurveState]) -> str:
         """Append the points in the direction of `begun` to `found`; return why they end."""
-        here, ds, why = begun, FIRST_ON_CURVE, ""
+        here, ds, why = begun, FIRST_STEP, ""
         while len(found) < self.most:
-            if ds < SHORTEST_ON_CURVE:
+            if ds < SHORTEST_STEP:
                 return why
             new = _step(here, ds)
             if new is None:
@@ -165,7 +165,7 @@ class Curve:
             ((bound - p[k]) / (ahead[k] - p[k]), k, bound)
             for k, bounds in enumerate(self.box)
             for bound, side in zip(bounds, (-1, 1), strict=True)
-            if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -CURVE_ON_BOUND
+            if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -EXACT
         ]
         if not crossed:
             return here.seen if np.any((ahead < self.box[:, 0]) | (ahead > self.box[:, 1])) else None
@@ -234,7 +234,7 @@ def at_other_extremes(here: CurveState, peak: PeakQuantity) -> "CurveState | str
     if is_at_its_extremes(condition, extremes, peak):
         return None
     moved = _begun_with(here, peak_condition(here.defining.family, here.sequence, place, peak.words), place)
-    if moved is None or np.abs(moved.at.place.p - here.at.place.p).max() > CURVE_ZERO:
+    if moved is None or np.abs(moved.at.place.p - here.at.place.p).max() > ROUNDED:
         return EndKind.OTHER_EXTREME
     return moved
 

@@ -26,7 +26,7 @@ from .test_functions import (
     of_pairs,
     tests_of,
 )
-from .tolerances import AT_BIFURCATION, CURVE_ZERO, DEPENDENT, INFINITE_MULTIPLIER
+from .tolerances import AT_BIFURCATION, HALF_DIGITS, INFINITE_MULTIPLIER, ROUNDED
 
 Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 
@@ -74,7 +74,7 @@ class CurveTest(NamedTuple):
     def is_met(self, before: CurveNeighbourhood, after: CurveNeighbourhood) -> bool:
         """True if the function vanishes on a step."""
         first, last = self.of(before, before), self.of(after, before)
-        return bool(first >= -CURVE_ZERO > last if self.is_end else first * last < 0)
+        return bool(first >= -ROUNDED > last if self.is_end else first * last < 0)
 
 
 def curve_tests(kind: str, defining: DefiningSystem, sequence: Sequence) -> list[CurveTest]:
@@ -151,7 +151,7 @@ def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     if (
         Kind.GRAZING in kinds
         and {Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER} & {*kinds}
-        and independence < DEPENDENT
+        and independence < HALF_DIGITS
     ):
         return "resonant_grazing"
     if Kind.NEIMARK_SACKER in kinds:

@@ -4,7 +4,7 @@ import numpy as np
 
 from .._system.compliant import AbstractCompliantLimit
 from .._system.system import ImpactSystem, mass_matrix
-from .tolerances import MATRIX_ROUNDING
+from .tolerances import EXACT
 
 
 def refuse_losses(system: ImpactSystem) -> None:
@@ -18,9 +18,9 @@ def refuse_losses(system: ImpactSystem) -> None:
     has: dict[str, bool] = {
         "a `damping`": bool(np.any(np.asarray(system.damping))),
         "a stiffness that is not symmetric": not np.allclose(
-            stiffness, stiffness.T, rtol=0, atol=MATRIX_ROUNDING * abs(stiffness).max()
+            stiffness, stiffness.T, rtol=0, atol=EXACT * abs(stiffness).max()
         ),
-        "a negative stiffness": bool(squares.min() < -MATRIX_ROUNDING * abs(squares).max()),
+        "a negative stiffness": bool(squares.min() < -EXACT * abs(squares).max()),
         "a load": any(bool(np.any(np.asarray(load.size()))) for load in system.forcing.loads),
         "a `force`": system.force is not None,
         "friction": bool(system.friction),

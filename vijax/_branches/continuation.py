@@ -21,8 +21,9 @@ from .peak_quantities import PeakQuantity, checked_peak_quantities
 from .peaks import find_peaks
 from .point import BranchPoint, Budget, DirectedBranch
 from .scheduler import drive
-from .starts import Start, families_of, points_of, refuse_start, starting_orbits
-from .tolerances import LONGEST_STEP, MOST_TOLERANCE, PROBE_STEP
+from .start_points import points_of, refuse_start
+from .starts import Start, families_of, starting_orbits
+from .tolerances import LONGEST_STEP, PROBE_STEP, SAME
 
 
 @overload
@@ -201,9 +202,9 @@ def following(
     most = whole_number("max_points", max_points, 1)
     length = None if step is None else real_number("step", step)
     small = 0.0 if tolerance is None else real_number("tolerance", tolerance)
-    if not 0 <= small <= MOST_TOLERANCE:
+    if not 0 <= small <= SAME:
         raise ValueError(
-            f"Argument `tolerance` must be between 0, for rounding, and {MOST_TOLERANCE:g}, but is {small:g}."
+            f"Argument `tolerance` must be between 0, for rounding, and {SAME:g}, but is {small:g}."
         )
     return Following(most, checked_monitors(monitor, stop), length, small)
 

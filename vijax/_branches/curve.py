@@ -22,7 +22,7 @@ from .parameter_family import ExtendedCycle
 from .peak_condition import height_of
 from .peak_quantities import peak_quantity
 from .starts import family_of, starting_orbits
-from .tolerances import CROSSING_KEPT
+from .tolerances import NEGLIGIBLE
 
 
 @says_what_compiles
@@ -126,7 +126,7 @@ def _with_second_parameter(
 
 def _check_crossing(begun: CurveState, path: str) -> None:
     """Refuse a branch point whose branches part when the second parameter varies."""
-    if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > CROSSING_KEPT:
+    if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > NEGLIGIBLE:
         raise ValueError(
             f"The branches of this point cross by a symmetry that `{path}` breaks: they part, and it has no curve. "
             "Take a parameter that keeps the symmetry."

@@ -28,7 +28,7 @@ from .._trajectory.results import RESULTS
 from .._trajectory.simulate import simulate_all
 from .._trajectory.solution import Solution
 from .branch import Branch
-from .tolerances import LEFT_ORBIT
+from .tolerances import NEGLIGIBLE
 
 # A quantity: one by its name, or a function of one cycle.
 Quantity = str | Callable[[Solution], Any]
@@ -146,7 +146,7 @@ def _stays(system: ImpactSystem, starts: np.ndarray, ends: np.ndarray) -> np.nda
     drifts = system.num_masses - np.linalg.matrix_rank(np.asarray(system.stiffness))
     if drifts:  # masses without a spring to the ground may move on by the same distance in every cycle
         gap = gap[:, system.num_coordinates :]
-    return (gap <= LEFT_ORBIT * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
+    return (gap <= NEGLIGIBLE * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
 
 
 class _Cycles:

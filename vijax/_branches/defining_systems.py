@@ -164,7 +164,7 @@ class AtEvent(AbstractCondition):
 
 
 class AtTurn(AbstractCondition):
-    """Condition that friction would stick where it turns: the force beyond its grip vanishes, see `SwitchedEnd`.
+    """Condition that friction would stick where it turns: the force beyond its grip vanishes, see `EndOfFlight`.
 
     Attributes:
         own: empty, (0,).
@@ -180,7 +180,7 @@ class AtTurn(AbstractCondition):
 
 
 class AtGrip(AbstractCondition):
-    """Condition that friction of a contact just stops within an impact, see `grip` of `SwitchedEnd`.
+    """Condition that friction of a contact just stops within an impact, see `grip` of `EndOfFlight`.
 
     Attributes:
         own: empty, (0,).

@@ -13,7 +13,7 @@ from .point import BranchPoint, End, at_parameter, predicted_point
 from .requests import Requests
 from .sequence_edits import without_event
 from .test_functions import kind_at, tests_of
-from .tolerances import CYCLES_NEAR, LIGHT_IMPACT, SLOPE_STEP, ZERO_NEAR
+from .tolerances import CYCLES_NEAR, LIGHT_IMPACT, LOCATED, NEAR
 
 
 def grazing_of_shorter_cycle(point: BranchPoint) -> Requests[BranchPoint | None]:
@@ -43,17 +43,17 @@ def vanishing(start: BranchPoint, kind: str, stop: int) -> Requests[BranchPoint 
     It is positive where the tangent points: the start may lie beyond by rounding.
     """
     test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
-    beside = yield from predicted_point(start, SLOPE_STEP)
+    beside = yield from predicted_point(start, LOCATED)
     gap = test.of(start.seen)
-    slope = (test.of(beside.seen) - gap) / SLOPE_STEP
+    slope = (test.of(beside.seen) - gap) / LOCATED
     way = -gap / slope if slope else np.inf
-    if not abs(way) < ZERO_NEAR:
+    if not abs(way) < NEAR:
         return None
     if gap == 0:
         found = start._replace(kind=kind_at(test, start.sequence, start.seen))
         return found if slope > 0 else found.turned()
     start = start if way > 0 else start.turned()
-    beyond = yield from predicted_point(start, 2 * abs(way) + SLOPE_STEP)
+    beyond = yield from predicted_point(start, 2 * abs(way) + LOCATED)
     if not gap * test.of(beyond.seen) < 0:
         return None
     found = yield from locate(start, beyond, test)

@@ -17,8 +17,9 @@ from .._jax.xla import in_lanes_of
 from .._machine.machine import Machine
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, traverse
 from .._orbits.sequence import Sequence
-from .admissibility import Course, course_of, limits_of_flight, of_flight
+from .admissibility import course_of
 from .kernels import CycleEquations
+from .margin_scan import Course, limits_of_flight, of_flight
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 # Side of a flight on which an extreme lies.

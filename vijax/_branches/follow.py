@@ -4,8 +4,6 @@ Steps without events belong to `steps.py`. `follow_branch` is a generator: it yi
 cycles, see `kernels.py`, and receives the answers. So many branches run side by side, while this code treats one alone.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from .._hybrid.limits import RELEASE
@@ -15,9 +13,10 @@ from .closing import first_repeated, is_at_start, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle
 from .events.cross import cross
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
-from .kernels import MOST_EVENTS, SimulatedMotion, padded, trimmed
+from .kernels import SimulatedMotion
 from .kinds import EndKind, Kind, public_kind
-from .locate import first_event, is_passed, special_points
+from .located_steps import Step, is_at_corner, resolved_step, step_to_corner
+from .padding import MOST_EVENTS, padded, trimmed
 from .parameter_family import ExtendedCycle
 from .point import (
     BranchPoint,
@@ -27,36 +26,24 @@ from .point import (
     at_parameter,
     between,
     correct_with_free_parameter,
-    predicted_point,
 )
-from .requests import Requests, ask, simulation_from, simulation_of
+from .requests import Requests, ask, simulation_from
 from .section import in_section
 from .simulated_events import cycle_of_simulation, with_simulated_bounces
-from .steps import PlainSteps, Tried
+from .steps import PlainSteps
 from .test_functions import (
     TestFunction,
-    begins_with_contact,
-    crossings,
-    grips,
-    is_plastic,
     kind_at,
-    stops_in_impacts,
     tests_of,
-    without_echoes,
 )
 from .tolerances import (
-    AT_CORNER,
-    FALLING_RATE,
-    ON_BOUND,
-    ON_EVENT,
-    ORBIT_AT,
+    EXACT,
+    NEGLIGIBLE,
     ORBIT_NEAR,
     PROBE_STEP,
-    SEPARATE_EVENTS,
+    ROUNDED,
+    SAME,
     SHORTER_BEHIND,
-    SHORTEST_STEP,
-    TRIALS_AHEAD,
-    TRUSTED,
     VANISHING_STICK,
 )
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
@@ -83,7 +70,7 @@ def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Requests[
     for request in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
         seen = yield from request
         away = np.abs(seen.found.place.z - place.z).max()
-        if seen.found.is_converged and away < ORBIT_NEAR and abs(seen.found.place.p - p) < ORBIT_AT:
+        if seen.found.is_converged and away < ORBIT_NEAR and abs(seen.found.place.p - p) < ROUNDED:
             return BranchPoint.of(sequence, seen, 0.0)
     return None
 
@@ -108,9 +95,9 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> Requests[End]:
         point, ds, tried = yield from ask(PlainSteps(walk, start, point, ds))
         if walk.is_full:
             break
-        step, ds = yield from _resolved_step(walk, point, ds, tried)
+        step, ds = yield from resolved_step(walk, point, ds, tried)
         if step is None:
-            step, ds = (yield from _step_to_corner(walk, point)), PROBE_STEP
+            step, ds = (yield from step_to_corner(walk, point)), PROBE_STEP
         if isinstance(step, End):
             return step
         if step is None:
@@ -139,7 +126,7 @@ def _with_bounces(point: BranchPoint, followed: SimulatedMotion) -> Requests[Bra
 def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> Requests[BranchPoint | End]:
     """The start, or the point behind its event: given orbits may lie on one, where a test function is rounding and falls."""
     for test in tests_of(start.sequence):
-        if test.rate and abs(test.of(start.seen)) < ON_EVENT and test.rate(start.seen) < -FALLING_RATE:
+        if test.rate and abs(test.of(start.seen)) < EXACT and test.rate(start.seen) < -NEGLIGIBLE:
             event = start._replace(kind=kind_at(test, start.sequence, start.seen))
             return (yield from _continue_behind_event(walk, test, event))
     return start
@@ -149,21 +136,6 @@ def _has_lost_stick(confirmed: BranchPoint, point: BranchPoint) -> bool:
     """True if the last bounces of a chatter are added, but the stick behind them has vanished."""
     before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (confirmed, point))
     return bool(after < before and 0 < shortest_stick(confirmed) < VANISHING_STICK)
-
-
-def _resolved_step(
-    walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
-) -> Requests[tuple["Step | None", float]]:
-    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST_STEP` is.
-
-    The first one may have been tried already.
-    """
-    while ds >= SHORTEST_STEP:
-        step = yield from _step(walk, point, ds, tried)
-        if isinstance(step, Step):
-            return step, ds
-        ds, tried = ds / 2, None
-    return None, ds
 
 
 def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> Requests[BranchPoint | End]:
@@ -190,7 +162,7 @@ def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Requ
     """Add the bifurcations of a step; the end at a bound, or at the period doubling where a doubled branch ends, or None."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
-        is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < ON_BOUND)
+        is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < SAME)
         # At the bound restitution = 0, for instance, all impacts whose speed it makes vanish do so at once.
         is_at_it = is_near and found is last and step.event is not None
         if is_at_it or not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
@@ -207,7 +179,7 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     """The end of the branch where no step is short enough."""
     # Sticks vanish faster than they shorten: the rest of the way is rounding.
     is_stick = 0 < shortest_stick(point) < VANISHING_STICK
-    if is_stick or _is_at_corner(point):
+    if is_stick or is_at_corner(point):
         kind = Kind.CHATTER_COMPLETION if is_stick else Kind.IN_IMPACT
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
@@ -216,121 +188,9 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> Requests[End]:
     if limit is not None:
         return limit
     # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
-    is_alone = bool(walk.cascade) or point.sequence.is_switching
+    is_alone = bool(walk.cascade) or point.sequence.num_groups > 1
     grazing = None if is_alone else (yield from grazing_of_shorter_cycle(point))
     return End(EndKind.LEFT_THE_STOPS) if grazing is None else End(Kind.GRAZING, grazing)
-
-
-def _hides_stop(event: tuple[TestFunction, BranchPoint] | None) -> bool:
-    """True if a slip from an impact has no duration as friction sticks within that, over a whole interval of the step."""
-    if event is None:
-        return False
-    test, at = event
-    sequence, grip, k = at.sequence, at.seen.watched.grip, test.index
-    if grip is None or not (test.of_flight and begins_with_contact(sequence, k)):
-        return False
-    return bool(grip[k - 1, sequence.stop[k]] > AT_CORNER)
-
-
-def _is_at_corner(point: BranchPoint) -> bool:
-    """True if friction just stops within an impact: the branch turns back so sharply that no step leads there."""
-    left = np.abs(grips(point.sequence, point.seen))
-    return bool(np.nanmin(left, initial=np.inf) < AT_CORNER)
-
-
-class Confirmed(NamedTuple):
-    """End of a step with all its events between the start and the end of the cycle, and the motion of the machine from it."""
-
-    point: BranchPoint
-    followed: SimulatedMotion
-
-
-class Step(NamedTuple):
-    """A step along a branch.
-
-    Attributes:
-        last: point at its end, or just before the first event.
-        confirmed: its end as the machine follows it; None behind an event.
-        event: first change of the sequence, and the point where it happens; or None.
-        special: bifurcations on the step, in order.
-        next_length: length of the next step.
-    """
-
-    last: BranchPoint
-    confirmed: Confirmed | None
-    event: tuple[TestFunction, BranchPoint] | None
-    special: list[BranchPoint]
-    next_length: float
-
-
-def _step(
-    walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
-) -> Requests[Step | End | None]:
-    """A step from a point; None if it is too long to resolve all that happens on it, an `End` if an event is not located."""
-    if tried is None:
-        _, _, tried = yield from ask(PlainSteps(walk, point, point, ds, is_trial=True))
-    if tried is None:
-        return None
-    new = tried.point
-    crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
-    met = without_echoes(point.sequence, crossed)
-    met += stops_in_impacts(point.sequence, point.seen, new.seen)
-    if any(
-        test.kind == Kind.CHATTER_COMPLETION and not is_plastic(point.sequence, point.seen, test)
-        for test in met
-    ):
-        return None  # ever more bounces accumulate on the step
-    confirmed = None
-    if not met:
-        confirmed = yield from _confirmed(walk, new, tried.motion)
-        if isinstance(confirmed, End) or not confirmed.point.is_admissible:
-            return None
-    first = yield from first_event(point, new, met)
-    if isinstance(first, End):
-        return first
-    event, last = first
-    if _hides_stop(event) or any(is_passed(test, last) for test in crossed if test not in met):
-        return None  # a guard that vanishes before the event with which it seemed to vanish
-    specials = yield from special_points(walk, point, last)
-    if isinstance(specials, End):
-        return specials
-    special, is_whole = specials
-    if not is_whole and ds > SEPARATE_EVENTS:
-        return None
-    return Step(last, confirmed, event, special, tried.next_length)
-
-
-def _step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step | End | None]:
-    """A step to where friction stops within an impact, where the branch bends so that no step passes; None if there is none."""
-    for ds in TRIALS_AHEAD if _is_at_corner(point) else ():
-        new = yield from predicted_point(point, ds)
-        stops = stops_in_impacts(point.sequence, point.seen, new.seen) if new.seen.found.is_converged else []
-        if not stops or crossings(tests_of(point.sequence), point.seen, new.seen):
-            continue
-        first = yield from first_event(point, new, stops)
-        if isinstance(first, End):
-            continue
-        specials = yield from special_points(walk, point, first[1])
-        return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
-    return None
-
-
-def _confirmed(
-    walk: DirectedBranch, point: BranchPoint, known: SimulatedMotion | None
-) -> Requests[Confirmed | End]:
-    """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it.
-
-    `known` is the motion from the given point, if it was simulated.
-    """
-    within = yield from in_section(point, walk.num_periods)
-    if isinstance(within, End):
-        return within
-    followed = known if within is point else None
-    point = within
-    if followed is None:
-        followed = yield from ask(simulation_of(point.sequence, point.place))
-    is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
-    return Confirmed(point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed)
 
 
 def _add(walk: DirectedBranch, point: BranchPoint) -> Requests[BranchPoint | End]:
@@ -352,7 +212,7 @@ def _continue_behind_event(
     if end is not None:
         return end
     same = [entry for entry in walk.cascade if entry[0] == test.index]
-    is_touch = test.kind == Kind.TOUCH and not event.sequence.is_switching
+    is_touch = test.kind == Kind.TOUCH and event.sequence.num_groups == 1
     walk.cascade = [*same, (test.index, event)] if is_touch else []
     limit = yield from _end_at_cascade_limit(walk, MANY)
     if limit is not None:

@@ -12,8 +12,9 @@ import numpy as np
 from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
 from .batches import Stock
-from .kernels import SimulatedMotion, padded_for_run
+from .kernels import SimulatedMotion
 from .motions import motions
+from .padding import padded_for_run
 from .step_kernel import Stepped
 from .steps import is_followed_or_unstable
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .kernels import SPARE, padded, room_for, trimmed
+from .padding import SPARE, padded, room_for, trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, at_parameter, is_followed
 from .requests import Requests, ask, simulation_of
-from .tolerances import BEHIND_CASCADE, CASCADE_CERTAIN, CASCADE_RATIO, LIMIT_AWAY, LIMIT_NEAR
+from .tolerances import BEHIND_CASCADE, CASCADE_CERTAIN, CASCADE_RATIO, LIMIT_AWAY, NEAR
 
 # MANY: number of grazings of one stop that make a cascade, if each is nearer to the next than to the one before.
 # FEW: the same where no other continuation of the branch is found.
@@ -41,9 +41,7 @@ def limit_of(grazings: list[BranchPoint], least: int) -> ExtendedCycle | None:
 def is_limit(found: ExtendedCycle, limit: ExtendedCycle, last: ExtendedCycle) -> bool:
     """True if a cycle is the limit of grazings."""
     away, left = found.p - limit.p, last.p - limit.p
-    return bool(
-        abs(away) < LIMIT_AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < LIMIT_NEAR + abs(left))
-    )
+    return bool(abs(away) < LIMIT_AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < NEAR + abs(left)))
 
 
 def cycle_behind_limit(limit: ExtendedCycle, last: BranchPoint) -> Requests[BranchPoint | None]:

@@ -18,12 +18,12 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation
-from .kernels import curvature, jacobian, slope
+from .cycle_derivatives import curvature, jacobian, slope
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .requests import KernelCall, Requests, ask
 from .scheduler import drive
-from .tolerances import ANOTHER_GRAZING
+from .tolerances import NEGLIGIBLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def _grazing_form(
     others = np.delete(np.arange(size, num), k)
     guards = matrix[np.ix_(others, others)]
     speeds = np.abs(np.diag(guards))
-    if np.any(speeds < ANOTHER_GRAZING * speeds.max(initial=0)):
+    if np.any(speeds < NEGLIGIBLE * speeds.max(initial=0)):
         raise ValueError("Several impacts graze at this point at once: the square root is that of one alone.")
     # By start, instant of the touch and parameter; the other events stay on their guards.
     free = np.column_stack([matrix[:, :size], matrix[:, size + k], by_p])

@@ -1,40 +1,30 @@
 """Kernels: the compiled functions of a cycle that branches request, batched over many branches."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar
+from .._jax.arrays import Scalar, with_rows_first, with_rows_last
 from .._jax.packing import Packed, pack
 from .._machine.numbers import numbers_of
 from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
-from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
+from .._orbits.cycle import Moment, Problem, moved_by, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
-from .._orbits.sequence import NOTHING, Instants, Sequence, is_same_sequence, kinds_of, sequence_of
+from .._orbits.sequence import Instants, Sequence, is_same_sequence, kinds_of, sequence_of
 from .._trajectory.loop import Choices
 from .._trajectory.results import RESULTS
 from .._trajectory.single_call import run_for_log
-from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
+from .admissibility import Margins, margins_at, margins_of_cycle
 from .batch_corrector import can_correct_many, correct_many
 from .batch_margins import margins_of_cycles, rates_of_cycles
 from .batch_moments import moments_of_cycles
 from .corrector import Corrected, correct, evaluate_at
+from .margin_scan import LeastMargins
+from .padding import room_of_log
 from .parameter_family import ExtendedCycle, ParameterFamily
-
-# Padded numbers of events for which kernels are compiled.
-_ROOMS = 16, 64, 256, 1024
-# ROOM_OF_SIMULATION: least padded number of events of a simulation of few branches, so that one program serves most.
-ROOM_OF_SIMULATION = _ROOMS[1]
-# SPARE: room for bounces that a simulation has and its cycle has not.
-# _STICKS: room for sticks in the log of a simulation, as a share of that for events.
-SPARE, _STICKS = 4, 0.5
-MOST_EVENTS = _ROOMS[-1] - SPARE
-
 
 # Length of `CorrectedCycle.past`.
 PAST = 5
@@ -101,13 +91,12 @@ def corrected_cycles(
         return jax.vmap(corrected_cycle)(*given)
     try:
         with jax.numpy_rank_promotion("allow"):  # numbers of all lanes go with those of each
-            found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
-            found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
+            found = with_rows_first(correct_many(*with_rows_last(given)))
             places = jax.vmap(_place_of)(found, guesses)
             moments = moments_of_cycles(families, sequences, places, found.tangent)
         watched = margins_of_cycles(families, sequences, places, moments[0].begins)
         own = families, sequences, places, found.tangent.p, moments, watched
-        is_plain = watched.gap.shape[1] and not sequences.is_switching
+        is_plain = watched.gap.shape[1] and sequences.num_groups == 1
         moved = rates_of_cycles(*own) if is_plain else jax.vmap(_rates_along)(*own)
     except NotImplementedError:  # a law of restitution may be made of anything
         return jax.vmap(corrected_cycle)(*given)
@@ -237,11 +226,6 @@ def simulate_motion(
     return read_motion(family, sequence, place, begun, Instants.of(log), result == RESULTS.successful)
 
 
-def room_of_log(room: int) -> int:
-    """Room in the log of a simulation for so many events of a cycle."""
-    return room + int(_STICKS * room)
-
-
 def begin_motion(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
 ) -> Begun:
@@ -259,7 +243,7 @@ def begin_motion(
     return Begun(start, jnp.where(known > 0, known, family.num_periods))
 
 
-class Run(NamedTuple):
+class RunRequest(NamedTuple):
     """A run of a machine.
 
     Attributes:
@@ -273,7 +257,7 @@ class Run(NamedTuple):
     times: Float[Array, "2"]
 
 
-def run_of(family: ParameterFamily, seen: CorrectedCycle) -> Run:
+def run_of(family: ParameterFamily, seen: CorrectedCycle) -> RunRequest:
     """The run from a corrected cycle, with the numbers of `begin_motion`."""
     known = jnp.sum(seen.found.place.flights)
     length = jnp.asarray(family.num_periods)
@@ -283,16 +267,16 @@ def run_of(family: ParameterFamily, seen: CorrectedCycle) -> Run:
 
 def run_from(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
-) -> Run:
+) -> RunRequest:
     """The run of `simulate_motion`."""
     return _asked(family, place.p, begin_motion(family, sequence, place, start))
 
 
-def _asked(family: ParameterFamily, p: Scalar, begun: Begun) -> Run:
+def _asked(family: ParameterFamily, p: Scalar, begun: Begun) -> RunRequest:
     numbers = numbers_of(family.system_at(p))
     strobe = StroboscopicMap(numbers, family.flow, begun.length, family.phase, 0)
     times = jnp.stack([strobe.t0, strobe.t0 + begun.length * strobe.period])
-    return Run(pack((numbers, family.flow)), begun, times)
+    return RunRequest(pack((numbers, family.flow)), begun, times)
 
 
 def read_motion(
@@ -323,108 +307,3 @@ def locate_state(
 ) -> Float[Array, " state"]:
     """Scaled state of a cycle `time` forcing periods after its start, (2 n,)."""
     return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
-
-
-def jacobian(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
-) -> Float[Array, "equations unknowns"]:
-    """Scaled Jacobian of all equations by the start and the durations, rows and columns of padding included."""
-    size = len(place.z)
-    problem = family.problem(sequence, place.p)
-
-    def of(y: Array) -> Array:
-        found = residual(problem, Unknowns(y[:size] * family.scale, y[size:]))
-        return jnp.concatenate([found.closing / family.scale, found.events])
-
-    return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
-
-
-def slope(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle
-) -> Float[Array, " equations"]:
-    """Derivative of the equations of `jacobian` along a direction, which may move the parameter."""
-    return _along(_equations_at(family, sequence, place), direction)(place)
-
-
-def curvature(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, u: ExtendedCycle, v: ExtendedCycle
-) -> Float[Array, " equations"]:
-    """Second derivative of the equations of `jacobian` along two directions, one of which may move the parameter."""
-    return _along(_along(_equations_at(family, sequence, place), u), v)(place)
-
-
-def third_derivative(
-    family: ParameterFamily,
-    sequence: Sequence,
-    place: ExtendedCycle,
-    u: ExtendedCycle,
-    v: ExtendedCycle,
-    w: ExtendedCycle,
-) -> Float[Array, " equations"]:
-    """Third derivative of the equations of `jacobian` along three directions at fixed parameter."""
-    return _along(_along(_along(_equations_at(family, sequence, place), u), v), w)(place)
-
-
-def _equations_at(
-    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
-) -> Callable[[ExtendedCycle], Array]:
-    """Scaled residuals as a function of the cycle, linear in the parameter about that of a place."""
-    equations = CycleEquations.of(family, sequence, place)
-
-    def at(place: ExtendedCycle) -> Array:
-        found = residual(equations.at(place.p), family.unknowns(place))
-        return jnp.concatenate([found.closing / family.scale, found.events])
-
-    return at
-
-
-def _along(f: Callable[[ExtendedCycle], Array], direction: ExtendedCycle) -> Callable[[ExtendedCycle], Array]:
-    """Derivative of a function along a direction."""
-    return lambda place: jax.jvp(f, (place,), (direction,))[1]
-
-
-def room_for(num_events: int) -> int:
-    """Padded number of events."""
-    room = next((room for room in _ROOMS if room >= num_events + SPARE), None)
-    if room is None:
-        raise ValueError(f"A branch came to a cycle of {num_events} events, and {MOST_EVENTS} are the most.")
-    return room
-
-
-def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
-    """Pad a sequence, and the cycles among the arguments."""
-    more = room - len(sequence.kind)
-    if not more:
-        return sequence, *arguments
-    kind, stop, mode = sequence
-    longer = Sequence(_longer(kind, more, NOTHING), _longer(stop, more, 0), _longer(mode, more, mode[-1]))
-    return longer, *(
-        a._replace(flights=_with_zeros(a.flights, more)) if isinstance(a, ExtendedCycle) else a
-        for a in arguments
-    )
-
-
-def padded_for_run(sequence: Sequence, arguments: tuple, room: int) -> tuple:
-    """`padded` for a simulation, which has `ROOM_OF_SIMULATION` at least."""
-    return padded(sequence, arguments, max(room, ROOM_OF_SIMULATION))
-
-
-def _with_zeros(flights: np.ndarray, more: int) -> np.ndarray:
-    """Durations of flights, along the last axis, with zeros behind."""
-    zeros = np.zeros((*np.shape(flights)[:-1], more), np.asarray(flights).dtype)
-    return np.concatenate([flights, zeros], axis=-1)
-
-
-def _longer(rows: np.ndarray, more: int, last: Any) -> np.ndarray:
-    """Rows with more of them behind."""
-    num, rows = len(rows), np.asarray(rows)
-    found = np.empty((num + more, *rows.shape[1:]), rows.dtype)
-    found[:num], found[num:] = rows, last
-    return found
-
-
-def trimmed(tree: Any, num_events: int) -> Any:
-    """Remove the padding of a sequence or a cycle."""
-    if isinstance(tree, ExtendedCycle):
-        return tree._replace(flights=tree.flights[:num_events])
-    return Sequence(tree.kind[:num_events], tree.stop[:num_events], tree.mode[: num_events + 1])

@@ -22,7 +22,7 @@ from .test_functions import (
     num_unstable,
     of_neighbours,
 )
-from .tolerances import AT_BIFURCATION, JUST_BEFORE, LARGE_MULTIPLIER, SQUARE_ZERO, ZERO
+from .tolerances import AT_BIFURCATION, HALF_DIGITS, JUST_BEFORE, LARGE_MULTIPLIER, NEGLIGIBLE
 
 # Kinds of points at which the functions of folds and of branch points may both change sign.
 _WITH_CROSSING = Kind.FOLD, Kind.HALF_PERIOD, Kind.PITCHFORK
@@ -45,8 +45,8 @@ def first_event(
             if isinstance(event, End):
                 return event
             # The functions of other events may jump behind the first.
-            least = 0.0 if is_between_events(test) else SQUARE_ZERO
-            if len(met) > 1 and not abs(test.of(event.seen)) < max(ZERO * test.of(point.seen), least):
+            least = 0.0 if is_between_events(test) else HALF_DIGITS
+            if len(met) > 1 and not abs(test.of(event.seen)) < max(NEGLIGIBLE * test.of(point.seen), least):
                 return End(EndKind.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
@@ -54,7 +54,7 @@ def first_event(
 
 def is_passed(test: TestFunction, point: BranchPoint) -> bool:
     """True if the guard of a test function has vanished before a point, by more than rounding."""
-    return is_between_events(test) and bool(test.of(point.seen) < -SQUARE_ZERO)
+    return is_between_events(test) and bool(test.of(point.seen) < -HALF_DIGITS)
 
 
 def _share(before: float, after: float) -> float:

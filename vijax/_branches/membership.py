@@ -18,7 +18,7 @@ from .requests import Requests
 from .scheduler import drive
 from .section import in_section
 from .starts import Start, families_of, value_of
-from .tolerances import MEMBER_NEAR, MEMBER_SAME, SAME_PARAMETER
+from .tolerances import EXACT, MEMBER_NEAR, NEGLIGIBLE
 
 # Most trials to find the cycle at a parameter between two points.
 _TRIALS = 40
@@ -84,7 +84,7 @@ class KnownOrbits:
                 self._values[orbit] = value_of(self._starts[orbit].system, branch.path)
             p = self._values[orbit]
             # An orbit at a bound is at the last point of the branch, up to the rounding of the scaled parameter.
-            before = np.where(np.abs(values - p) <= SAME_PARAMETER * abs(p), 0, values - p)
+            before = np.where(np.abs(values - p) <= EXACT * abs(p), 0, values - p)
             between = np.flatnonzero(before[:-1] * before[1:] <= 0)
             states = self._states(orbit) if between.size else np.zeros(0)
             size = np.abs(states).max(initial=0)
@@ -93,7 +93,7 @@ class KnownOrbits:
                 away = min(np.abs(states - z[end]).max(axis=1).min() for end in (k, k + 1))
                 # Where both states of a mass turn back, a chord is short. (Rejected: to accept an orbit near a chord. Where an
                 # impact passes the start of the cycle the chord leads nowhere, and between two branches it leads to both.)
-                if away <= MEMBER_NEAR * chords[max(k - 1, 0) : k + 2].max() + MEMBER_SAME * size:
+                if away <= MEMBER_NEAR * chords[max(k - 1, 0) : k + 2].max() + NEGLIGIBLE * size:
                     yield _Chance(orbit, p, states, branch, number, int(k))
 
     def _states(self, orbit: int) -> np.ndarray:
@@ -158,7 +158,7 @@ def _is_same(
     if isinstance(point, End):
         return False
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
-    return bool(away < MEMBER_SAME * np.abs(chance.states).max())
+    return bool(away < NEGLIGIBLE * np.abs(chance.states).max())
 
 
 def _states(start: Start) -> np.ndarray:
@@ -185,6 +185,6 @@ def _images(start: Start) -> list[Start]:
         later = t0 + float(symmetry.shift) * period
         sol = simulate_all(start.system, t0, later, x, v, args=start.args, flow=start.flow, throw=False)
         image = np.concatenate(symmetry.image(np.asarray(sol.x1), np.asarray(sol.v1)))
-        if np.abs(own - image).max(axis=1).min() > MEMBER_SAME * np.abs(own).max():
+        if np.abs(own - image).max(axis=1).min() > NEGLIGIBLE * np.abs(own).max():
             found.append(start._replace(state=image))
     return found

@@ -20,8 +20,8 @@ from .._system.system import AnySystem
 from .._trajectory.solution import Solution
 from .branch import Branch, branch_of
 from .cycle_quantities import checked_names, run_of_cycle
-from .kernels import room_for
 from .kinds import MONITOR, STOP, EndKind, Kind, PublicKind, public_kind
+from .padding import room_for
 from .parameter_family import ParameterFamily
 from .point import BranchPoint, DirectedBranch, PlainPoint
 from .requests import Requests
@@ -74,7 +74,7 @@ def checked_monitors(monitor: Monitors | None, stop: Stop | None) -> Watched:
 
 @dataclass
 class WatchedWalk:
-    """A walk whose new points are evaluated.
+    """One direction of a branch with its monitors and stop conditions.
 
     Attributes:
         watched: monitors and conditions.

@@ -10,21 +10,14 @@ import numpy as np
 from .._jax.packing import Layout, Packed, pack
 from .._machine.numbers import numbers_of
 from .._orbits.search import run_request
-from .._orbits.sequence import Instants, Sequence
+from .._orbits.sequence import Instants, Sequence, kinds_of
 from .._trajectory.instant_codes import instants_of
 from .._trajectory.loop import LoopArguments
 from .._trajectory.one_call import EVENTS, KnownMachine
 from .._trajectory.solution import RESULTS
-from .batches import BATCHES, RUNS_BEHIND, Form, Stock, call, compiled, in_parts, stacked
-from .kernels import (
-    Begun,
-    Run,
-    SimulatedMotion,
-    read_motion,
-    room_of_log,
-    run_from,
-    simulate_motion,
-)
+from .batches import BATCHES, RUNS_BEHIND, Form, Stock, call, compiled, in_batches, stacked
+from .kernels import Begun, RunRequest, SimulatedMotion, read_motion, run_from, simulate_motion
+from .padding import room_of_log
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 
@@ -60,7 +53,9 @@ def simulated(
     return found
 
 
-def motions(stock: Stock, task: int, sequence: Sequence, places: ExtendedCycle, runs: Run) -> SimulatedMotion:
+def motions(
+    stock: Stock, task: int, sequence: Sequence, places: ExtendedCycle, runs: RunRequest
+) -> SimulatedMotion:
     """Motions of some runs of a task, from cycles of a sequence, with which they are compared; along the first axis of all."""
     num, room = len(runs.times), room_of_log(len(sequence.kind))
     seen = []
@@ -77,7 +72,7 @@ def motions(stock: Stock, task: int, sequence: Sequence, places: ExtendedCycle, 
         lambda a: a[filled], (places, runs.begun, RunSeen(*map(np.stack, zip(*seen, strict=True))))
     )
     given = pack(jax.tree.map(lambda a: np.asarray(a)[None], (sequence, *rows)), has_rows=True)
-    found = in_parts(compiled(read_runs, 1), 1, one, given)[0].unpacked()
+    found = in_batches(compiled(read_runs, 1), 1, one, given)[0].unpacked()
     return jax.tree.map(lambda a: a[0, :num], found)
 
 
@@ -87,9 +82,8 @@ def read_runs(
     """Motions of runs that are made, along the first axis."""
 
     def read(place: ExtendedCycle, begun: Begun, seen: RunSeen) -> SimulatedMotion:
-        is_switching = numbers_of(family.system_at(place.p)).laws is not None
-        transitions = instants_of(seen.codes, seen.times, is_switching=is_switching)
-        instants = Instants(transitions, seen.held, seen.count)
+        kinds = kinds_of(numbers_of(family.system_at(place.p)))
+        instants = Instants(instants_of(seen.codes, seen.times, kinds), seen.held, seen.count)
         return read_motion(family, sequence, place, begun, instants, seen.is_successful)
 
     return jax.vmap(read)(places, begun, seen)

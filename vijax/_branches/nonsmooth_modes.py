@@ -11,11 +11,10 @@ once; it is followed as that of a smaller machine, see `symmetric_subspace.py`.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
-import scipy.linalg
 import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
@@ -34,18 +33,17 @@ from .._system.system import AnySystem, ImpactSystem, machine_of, mass_matrix
 from .branch import branch_of
 from .conservative import energy_of, refuse_losses
 from .follow import follow_branch
-from .kernels import trimmed
+from .linear_modes import _LINEAR, Mode, energy_at, first_touches, linear_modes, touches, touches_several
+from .padding import trimmed
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch, PlainPoint, corrected, is_followed
 from .requests import Requests, ask, simulation_from
 from .scheduler import drive
 from .symmetric_subspace import Subspace, multipliers_of_whole, symmetric_subspace
-from .tolerances import MODE_ON_CIRCLE, ORBIT_AT, TRIALS_BEYOND_TOUCH
+from .tolerances import NEGLIGIBLE, ROUNDED, TRIALS_BEYOND_TOUCH
 
 # Room for the events of the first orbit.
 _ROOM = 12
-# Number of points of a linear mode, from rest to its touch.
-_LINEAR = 20
 # Largest energy of a family that is not told one, as a multiple of that of its touch.
 _MOST = 10
 # Columns that no other dataset has.
@@ -57,15 +55,6 @@ _OWN = {
     "x0": {"long_name": "position at a time of the motion"},
     "v0": {"long_name": "velocity at that time"},
 }
-
-
-class _Mode(NamedTuple):
-    """A linear mode: its number, frequency, shape of modal mass 1, and the amplitude at which it touches a stop."""
-
-    number: int
-    frequency: float
-    shape: np.ndarray
-    touch: float
 
 
 @says_what_compiles
@@ -120,12 +109,12 @@ def nonsmooth_modes(
     refuse_single_precision("nonsmooth_modes", machine)
     refuse_losses(machine)
     most = whole_number("max_points", max_points, 1)
-    found = _linear_modes(machine)
+    found = linear_modes(machine)
     chosen = [mode.number for mode in found] if modes is None else [whole_number("modes", k) for k in modes]
     known = {mode.number: mode for mode in found}
     if missing := [k for k in chosen if k not in known]:
         raise ValueError(f"Argument `modes` has {missing[0]}, but the modes that vibrate are {[*known]}.")
-    touches = [_energy_at(mode, mode.touch) for mode in known.values() if np.isfinite(mode.touch)]
+    touches = [energy_at(mode, mode.touch) for mode in known.values() if np.isfinite(mode.touch)]
     highest = (
         _MOST * max(touches, default=0.1) if max_energy is None else real_number("max_energy", max_energy)
     )
@@ -143,45 +132,8 @@ def nonsmooth_modes(
     return ds.assign_attrs(ends=words, **attributes_of_system(machine), **versions())
 
 
-def _linear_modes(system: ImpactSystem) -> list[_Mode]:
-    """Modes that vibrate, in the order of their frequencies."""
-    squares, shapes = scipy.linalg.eigh(np.asarray(system.stiffness), mass_matrix(system.mass))
-    found = []
-    for k, (square, shape) in enumerate(zip(squares, shapes.T, strict=True)):
-        if square > 1e-12 * max(abs(squares)):
-            least = min((one.amplitude for one in _touches(system, shape)), default=np.inf)
-            found.append(_Mode(k, float(np.sqrt(square)), shape, least))
-    return found
-
-
-class _Touch(NamedTuple):
-    """A stop that a mode touches: its number, whether the shape moves towards it, and the amplitude at which they touch."""
-
-    stop: int
-    is_ahead: bool
-    amplitude: float
-
-
-def _touches(system: ImpactSystem, shape: np.ndarray) -> list[_Touch]:
-    """The stops that a shape moves towards, or away from."""
-    moves = [float(stop.along(shape)) for stop in system.stops]
-    gaps = [float(stop.gap(0 * shape, np.zeros(()))) for stop in system.stops]
-    return [_Touch(j, a > 0, gap / abs(a)) for j, (a, gap) in enumerate(zip(moves, gaps, strict=True)) if a]
-
-
-def _first_touches(system: ImpactSystem, mode: _Mode) -> list[_Touch]:
-    """The stops that a mode touches first, at both ends of its swing."""
-    return [
-        one for one in _touches(system, mode.shape) if abs(one.amplitude - mode.touch) < 1e-9 * mode.touch
-    ]
-
-
-def _energy_at(mode: _Mode, amplitude: Any) -> Any:
-    return (mode.frequency * amplitude) ** 2 / 2
-
-
 def _family(
-    system: ImpactSystem, mode: _Mode, modes: list[_Mode], highest: float, most: int, bar: tqdm
+    system: ImpactSystem, mode: Mode, modes: list[Mode], highest: float, most: int, bar: tqdm
 ) -> tuple[xr.Dataset, str]:
     """A family, and why it ends."""
     reached = np.sqrt(2 * highest) / mode.frequency
@@ -200,10 +152,10 @@ def _family(
 
 
 def _beyond(
-    system: ImpactSystem, mode: _Mode, highest: float, most: int, bar: tqdm
+    system: ImpactSystem, mode: Mode, highest: float, most: int, bar: tqdm
 ) -> tuple[xr.Dataset | None, str]:
     """The part of a family beyond its first touch, and why it ends."""
-    if _touches_several(system, mode):
+    if touches_several(system, mode):
         return None, "several_impacts"
     family = _parameter_family(system, mode)
     (start,) = drive([family], [_first_beyond(family, system, mode)], lambda: None)
@@ -243,7 +195,7 @@ def _of_whole(beyond: xr.Dataset, system: ImpactSystem, symmetric: Subspace) -> 
     )
 
 
-def _linear_part(system: ImpactSystem, mode: _Mode, modes: list[_Mode], last: float) -> xr.Dataset:
+def _linear_part(system: ImpactSystem, mode: Mode, modes: list[Mode], last: float) -> xr.Dataset:
     """Points of a linear mode up to an amplitude."""
     amplitudes = last * np.sqrt(np.arange(1, _LINEAR + 1) / _LINEAR)
     period, n = 2 * np.pi / mode.frequency, len(mode.shape)
@@ -255,7 +207,7 @@ def _linear_part(system: ImpactSystem, mode: _Mode, modes: list[_Mode], last: fl
     full = lambda a: np.broadcast_to(a, (_LINEAR, *np.shape(a)))  # noqa: E731
     return xr.Dataset(
         {
-            "energy": ("point", _energy_at(mode, amplitudes)),
+            "energy": ("point", energy_at(mode, amplitudes)),
             "period": ("point", full(period)),
             "frequency": ("point", full(mode.frequency)),
             "x0": (("point", "mass"), amplitudes[:, None] * mode.shape),
@@ -284,16 +236,10 @@ def _columns(points: xr.Dataset, energies: list[float]) -> xr.Dataset:
 def _are_on_circle(multipliers: np.ndarray) -> Any:
     """True where no multiplier lies outside of the unit circle."""
     finite = np.where(np.isfinite(multipliers), np.abs(multipliers), np.inf)
-    return (finite < 1 + MODE_ON_CIRCLE).all(axis=1)
+    return (finite < 1 + NEGLIGIBLE).all(axis=1)
 
 
-def _touches_several(system: ImpactSystem, mode: _Mode) -> bool:
-    """True if a mode touches several stops at one end of its swing at once."""
-    ends = [one.is_ahead for one in _first_touches(system, mode)]
-    return len(ends) != len(set(ends))
-
-
-def _parameter_family(system: ImpactSystem, mode: _Mode) -> ParameterFamily:
+def _parameter_family(system: ImpactSystem, mode: Mode) -> ParameterFamily:
     """The machine with a fictitious damper, on the mass that moves most."""
     moved = int(np.argmax(np.abs(mode.shape)))
     unit = 2 * np.pi / mode.frequency
@@ -316,7 +262,7 @@ def _parameter_family(system: ImpactSystem, mode: _Mode) -> ParameterFamily:
     )
 
 
-def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) -> Requests[BranchPoint | None]:
+def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: Mode) -> Requests[BranchPoint | None]:
     """The first orbit of a family that hits a stop; None if Newton's method finds none."""
     room = empty_sequence(_ROOM, tuple(kinds_of_elements(system)))
     room = jax.tree.map(np.asarray, room)
@@ -341,15 +287,15 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: _Mode) ->
         weights = ExtendedCycle(velocity / np.linalg.norm(velocity), 0 * place.flights, np.asarray(0.0))
         seen = yield from corrected(sequence, place, weights, place.along(weights))
         point = BranchPoint.of(sequence, seen, 0.0)
-        is_family = seen.found.is_converged and abs(float(seen.found.place.p)) < ORBIT_AT
+        is_family = seen.found.is_converged and abs(float(seen.found.place.p)) < ROUNDED
         if is_family and (yield from is_followed(point)):
             return point
     return None
 
 
-def _other_end(system: ImpactSystem, mode: _Mode, sequence: EventSequence) -> int | None:
+def _other_end(system: ImpactSystem, mode: Mode, sequence: EventSequence) -> int | None:
     """The stop that a mode touches first at the other end of the swing than the last impact; None if there is none."""
-    first = {one.stop: one.is_ahead for one in _first_touches(system, mode)}
+    first = {one.stop: one.is_ahead for one in first_touches(system, mode)}
     last = int(sequence.stop[-1])
     if sequence.kind[-1] != IMPACT or last not in first:
         return None
@@ -363,7 +309,7 @@ def _impacts_at(sequence: EventSequence, stops: list[int]) -> EventSequence:
 
 
 def _first_flight(
-    system: ImpactSystem, mode: _Mode, beyond: float, z: np.ndarray, stop: int | None = None
+    system: ImpactSystem, mode: Mode, beyond: float, z: np.ndarray, stop: int | None = None
 ) -> float:
     """Duration of the first flight of a cycle, in periods of the linear mode: from its last event to its first.
 
@@ -381,7 +327,7 @@ def _first_flight(
     amplitude = mode.touch * beyond
     until = min(
         np.arcsin(one.amplitude / amplitude) + (0 if one.is_ahead else np.pi)
-        for one in _touches(system, mode.shape)
+        for one in touches(system, mode.shape)
         if one.amplitude < amplitude and stop in (None, one.stop)
     )
     x, v = (mode.shape @ mass_matrix(system.mass) @ a for a in np.split(z, 2))

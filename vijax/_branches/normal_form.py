@@ -33,9 +33,10 @@ from .._jax.arrays import refuse_single_precision
 from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at
 from .branch import Bifurcation
+from .cycle_derivatives import curvature, jacobian, slope, third_derivative
 from .grazing_form import GrazingForm, grazing_form_of
-from .kernels import curvature, jacobian, slope, third_derivative, trimmed
 from .kinds import Kind
+from .padding import trimmed
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .pitchfork import crossing_direction
 from .point import correct_with_free_parameter

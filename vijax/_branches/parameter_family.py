@@ -99,11 +99,6 @@ class ParameterFamily(eqx.Module):
         return any(element.is_tied for element in machine_of(self.system).friction)
 
     @property
-    def is_switching(self) -> bool:
-        """True if forces of elements switch: with friction, Jenkins elements or compliant contacts."""
-        return machine_of(self.system).is_switching
-
-    @property
     def num_sliders(self) -> int:
         """Number of Jenkins elements."""
         return len(machine_of(self.system).hysteresis)

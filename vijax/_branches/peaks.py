@@ -18,7 +18,7 @@ from .point import MAXIMUM, MINIMUM, BranchPoint, DirectedBranch, PeakMark, Plai
 from .requests import KernelCall, Requests, ask
 from .scheduler import drive
 from .sequence_edits import are_alike
-from .tolerances import FLAT_PEAK
+from .tolerances import SAME
 from .zero_between import zero_between
 
 
@@ -57,7 +57,7 @@ def _peak_between(
     """The peak of a quantity between two points whose extremes are known, marked; None if there is none."""
     scale = float(family.scale[wanted.coordinate])
     first, last = (wanted.of(one.slope) / scale for one in known)
-    is_flat = max(abs(first), abs(last)) < FLAT_PEAK
+    is_flat = max(abs(first), abs(last)) < SAME
     if not np.isfinite(first + last) or (first > 0) == (last > 0) or is_flat:
         return None
     if not (before.is_admissible and after.is_admissible):
@@ -69,7 +69,7 @@ def _peak_between(
 
     peak = yield from zero_between(before, after, (first, last), slope_at, num_periods)
     # Where the slope jumps, one of the two points is where the sequence of events changes.
-    if peak is None and min(abs(first), abs(last)) > FLAT_PEAK:
+    if peak is None and min(abs(first), abs(last)) > SAME:
         peak = before if before.kind else after if after.kind else None
     if peak is None:
         return None

@@ -12,13 +12,13 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .._system.parameters import known_machine_at
 from .closing import repetitions_of
-from .kernels import curvature, jacobian, slope
+from .cycle_derivatives import curvature, jacobian, slope
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch
 from .requests import HostCall, KernelCall, Requests, ask
 from .singular import branch_point_near
-from .tolerances import PITCHFORK_NEAR, PITCHFORK_ZERO, SAME_CROSSING, SAME_ROUNDS
+from .tolerances import AT_BIFURCATION, LOCATED, NEGLIGIBLE, SAME_ROUNDS
 
 
 def _is_symmetric(point: BranchPoint) -> Requests[bool]:
@@ -40,7 +40,7 @@ def pitchfork_at_fold(
     """The pitchfork at which a branch of asymmetric orbits turns, near a located fold; None if it is a fold."""
     if not (yield from _is_symmetric(fold)):
         return None
-    found = yield from branch_point_near(point, fold.place, PITCHFORK_NEAR)
+    found = yield from branch_point_near(point, fold.place, AT_BIFURCATION)
     named = None if found is None else (yield from with_kind_of_crossing(walk, found))
     return named if named is not None and named.kind == Kind.PITCHFORK else None
 
@@ -55,7 +55,7 @@ def with_kind_of_crossing(walk: DirectedBranch, point: BranchPoint) -> Requests[
         return point  # a period doubling of the cycle that this one repeats
     second = yield from ask(KernelCall(curvature, point.sequence, (point.place, phi, phi)))
     second = second[: len(psi)]
-    is_zero = abs(psi @ second) <= PITCHFORK_ZERO * np.linalg.norm(second)
+    is_zero = abs(psi @ second) <= NEGLIGIBLE * np.linalg.norm(second)
     return point._replace(kind=Kind.PITCHFORK) if is_zero else point
 
 
@@ -68,7 +68,7 @@ def is_listed(walk: DirectedBranch, point: BranchPoint) -> bool:
         isinstance(last, BranchPoint)
         and last.kind == Kind.PITCHFORK
         and len(last.sequence.kind) == len(point.sequence.kind)
-        and last.place.distance(point.place) < SAME_CROSSING
+        and last.place.distance(point.place) < LOCATED
     )
 
 

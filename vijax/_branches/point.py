@@ -8,8 +8,9 @@ import numpy as np
 
 from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
-from .kernels import CorrectedCycle, corrected_cycle, trimmed
+from .kernels import CorrectedCycle, corrected_cycle
 from .kinds import EndKind
+from .padding import trimmed
 from .parameter_family import ExtendedCycle
 from .requests import KernelCall, Requests, ask, simulation_of
 from .tolerances import LONGEST_STEP

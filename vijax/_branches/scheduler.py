@@ -6,16 +6,9 @@ from typing import Any
 
 from .._orbits.sequence import NOTHING
 from .batches import Stock, call, makes_of, stacked
-from .kernels import (
-    MOST_EVENTS,
-    ROOM_OF_SIMULATION,
-    padded,
-    padded_for_run,
-    room_for,
-    simulate_motion,
-    trimmed,
-)
+from .kernels import simulate_motion
 from .motions import simulated
+from .padding import MOST_EVENTS, ROOM_OF_SIMULATION, padded, padded_for_run, room_for, trimmed
 from .parameter_family import ParameterFamily
 from .point import TooManyEvents
 from .requests import HostCall, KernelCall, Requests, T

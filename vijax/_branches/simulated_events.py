@@ -3,7 +3,8 @@
 import numpy as np
 
 from .._orbits.sequence import NOTHING, Sequence
-from .kernels import SimulatedMotion, padded, trimmed
+from .kernels import SimulatedMotion
+from .padding import padded, trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, at_parameter, corrected, is_followed
 from .requests import Requests, ask, simulation_of

@@ -15,24 +15,15 @@ from jaxtyping import Array, Bool
 from .._orbits.sequence import Sequence
 from .corrector import evaluate_at
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
-from .kernels import CorrectedCycle, as_corrected_cycle, trimmed
+from .kernels import CorrectedCycle, as_corrected_cycle
 from .kinds import EndKind, Kind
+from .padding import trimmed
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, End, between, on_plane
 from .requests import KernelCall, Requests, ask, location_on
 from .sequence_edits import in_a_row
 from .test_functions import TestFunction
-from .tolerances import (
-    CROSSED,
-    CROSSING_NEAR,
-    DOUBLING_APART,
-    DOUBLING_AS_ONE,
-    DOUBLING_FARTHER,
-    DOUBLING_LIKELY,
-    DOUBLING_LOCATED,
-    DOUBLING_SAME,
-    REAL_ROOT,
-)
+from .tolerances import AT_BIFURCATION, DOUBLING_FARTHER, DOUBLING_LIKELY, LOCATED, NEAR, ROUNDED
 
 # Number of cycles by which the test function of a branch point is interpolated.
 _NODES = 9
@@ -47,7 +38,7 @@ def crossing(
     defining = DefiningSystem(family, sequence, condition)
     solved = solve(defining, defining.unknowns(guess))
     place, own = defining.place(solved.y)
-    return place, solved.is_found & (jnp.max(jnp.abs(own)) < CROSSED)
+    return place, solved.is_found & (jnp.max(jnp.abs(own)) < ROUNDED)
 
 
 class Doubling(NamedTuple):
@@ -83,7 +74,7 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Re
     s = _root_of(np.array([s for s, _ in known]), np.array([test.of(seen) for _, seen in known]), length)
     if not np.isfinite(s):
         return End(EndKind.NOT_CONVERGED)
-    found = yield from branch_point_near(point, between(point, new, s / length), CROSSING_NEAR)
+    found = yield from branch_point_near(point, between(point, new, s / length), NEAR)
     return End(EndKind.NOT_CONVERGED) if found is None else found
 
 
@@ -106,22 +97,22 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoi
         return None
     z = yield from ask(location_on(sequence, place, half))
     away = np.abs(z - place.z).max()
-    if not away < DOUBLING_APART:
+    if not away < NEAR:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     guess = place._replace(flights=place.flights[:num])
     found = yield from ask(KernelCall(doubling, once, (guess,)))
     # At a fold beside a grazing the two halves may be close as well.
-    distance, within = away, DOUBLING_LOCATED
+    distance, within = away, LOCATED
     if found.is_found:
         distance, within = (
             trimmed(found.place, num).distance(guess),
-            DOUBLING_LOCATED + DOUBLING_FARTHER * away,
+            LOCATED + DOUBLING_FARTHER * away,
         )
     # The fold is level: rounding moves it along the branch, but not its parameter.
-    is_same = bool(found.is_found) and abs(found.place.p - place.p) < DOUBLING_SAME * abs(place.p)
-    is_end = is_same if away > DOUBLING_AS_ONE else distance < within
+    is_same = bool(found.is_found) and abs(found.place.p - place.p) < ROUNDED * abs(place.p)
+    is_end = is_same if away > AT_BIFURCATION else distance < within
     if not (found.is_likely and is_end):
         return None
     if not found.is_found:
@@ -156,6 +147,6 @@ def _root_of(ways: np.ndarray, values: np.ndarray, length: float) -> float:
     if len(ways) < 4:
         return np.nan
     roots = np.polynomial.Polynomial.fit(ways, values, len(ways) - 1).roots()
-    is_real = np.abs(roots.imag) < REAL_ROOT * length
+    is_real = np.abs(roots.imag) < ROUNDED * length
     roots = roots[is_real & (roots.real > 0) & (roots.real < length)].real
     return float(roots[0]) if len(roots) == 1 else np.nan

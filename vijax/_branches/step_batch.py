@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._jax.packing import Packed
-from .batches import SINGLES, Form, Stock, compiled_steps, in_parts
+from .batches import SINGLES, Form, Stock, compiled_steps, in_batches
 from .followed_steps import followed
-from .kernels import SimulatedMotion, corrected_cycle, padded_for_run, simulate_motion
+from .kernels import SimulatedMotion, corrected_cycle, simulate_motion
 from .motions import simulated
+from .padding import padded_for_run
 from .point import BranchPoint, PlainPoint
 from .request_rows import Rows, joined_rows, rows_of_parts, rows_of_steps
 from .requests import KernelCall
@@ -95,7 +96,7 @@ class StepBatch:
         steppers, first = self.steppers, len(parts)
         most = np.array([0] * first + [one.most_steps(form, num) for one in steppers])
         tasks = [one.task for one in (*parts, *steppers)]
-        points, found = in_parts(compiled_steps(form), form.size, self.stock.of(tasks), *state, most)
+        points, found = in_batches(compiled_steps(form), form.size, self.stock.of(tasks), *state, most)
         stepped: Stepped = found.unpacked()
         if form.room is None:
             given = state.requests, state.points, stepped, points

@@ -20,7 +20,7 @@ from jaxtyping import Array
 from .._jax.arrays import Flag, Scalar
 from .._jax.packing import Packed, pack
 from .._orbits.sequence import NOTHING, Sequence
-from .admissibility import LeastMargins, Margins
+from .admissibility import Margins
 from .corrector import Corrected
 from .kernels import (
     PAST,
@@ -31,6 +31,7 @@ from .kernels import (
     run_of,
     simulate_motion,
 )
+from .margin_scan import LeastMargins
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .steps import (
     StepLimits,
@@ -93,7 +94,7 @@ class Stepped(NamedTuple):
     runs: Packed | None
 
 
-class _Trial(NamedTuple):
+class _JudgedStep(NamedTuple):
     """A corrected step with its verdicts, and the motion from its end or the run to be made, packed, see `Stepped`."""
 
     seen: CorrectedCycle
@@ -140,7 +141,7 @@ def take_steps(
     """
     known = seen
 
-    def trial_of(state: _State) -> _Trial:
+    def trial_of(state: _State) -> _JudgedStep:
         point, ds = state.found.point.unpacked(), state.found.next_ds
         target = jnp.where(state.number == 0, requests.target, jnp.nan)
         if known is None:
@@ -154,12 +155,12 @@ def take_steps(
         is_taken = plain & (state.left > 0) & state.is_live
         if room is None:
             run = pack(each_row(run_of)(families, seen), has_rows=True)
-            return _Trial(seen, sound, is_taken, has_motion, length, None, run)
+            return _JudgedStep(seen, sound, is_taken, has_motion, length, None, run)
         simulated = partial(_simulated, room=room)
         motion = each_row(simulated)(families, requests, point, seen, has_motion)
         is_followed = each_row(is_followed_or_unstable)(requests.sequence, seen, motion)
         motion = pack(motion, has_rows=True)
-        return _Trial(seen, sound, is_taken & is_followed, has_motion, length, motion, None)
+        return _JudgedStep(seen, sound, is_taken & is_followed, has_motion, length, motion, None)
 
     def one(state: _State) -> _State:
         trial, before, number, is_live = trial_of(state), state.found, state.number, state.is_live
@@ -295,7 +296,7 @@ def blank_cycles(
     def zeros(*shape: int, like: Any = dtype) -> Any:
         return np.zeros((lanes, *shape), like)
 
-    num_guards = 2 * num if sequences.is_switching else num
+    num_guards = num * sequences.num_groups
     none, whole, events = zeros(num_guards), zeros(num_guards, like=int), np.zeros_like(places.flights)
     multipliers = zeros(size, like=np.result_type(dtype, np.complex64))
     found = Corrected(

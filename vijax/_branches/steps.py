@@ -2,7 +2,7 @@
 
 On a plain step nothing happens: no test function changes sign, no bound is passed, and the machine follows the cycle.
 Most steps are plain. They are taken one after another in one compiled program, `step_kernel.py`; the first one that is
-not plain is returned to `follow.py`. All functions treat one branch, and are traced.
+not plain is returned to `located_steps.py`. All functions treat one branch, and are traced.
 """
 
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ from .tolerances import (
     LEAST_COSINE,
     MULTIPLIER_MOVE,
     NARROWEST_BY_MOVE,
-    NARROWEST_BY_TURN,
     PLANNED_MOVE,
     PROBE_STEP,
-    REAL_MULTIPLIER,
+    ROUNDED,
     ROUNDED_FUNCTION,
+    SEPARATE_EVENTS,
     TRUSTED,
 )
 
@@ -152,7 +152,7 @@ def is_resolved(known: StepState, new: StepState, ds: Scalar) -> Flag:
     # The Hermite cubic through both ends is positive if these two of its Bernstein coefficients are.
     dips = (falls < 0) & (rises > 0) & ((known.margins + falls <= 0) | (new.margins - rises <= 0))
     is_known = (known.margins > 0) & (new.margins > 0)
-    return is_slow & ~jnp.any(dips & is_known) & ~(_turns_at_zero(known, new, ds) & (ds > NARROWEST_BY_TURN))
+    return is_slow & ~jnp.any(dips & is_known) & ~(_turns_at_zero(known, new, ds) & (ds > SEPARATE_EVENTS))
 
 
 def _turns_at_zero(known: StepState, new: StepState, ds: Scalar) -> Flag:
@@ -176,7 +176,7 @@ def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scal
     grown = ds * jnp.where(steps <= _FEW, 1.5, jnp.where(steps < _MANY, 1.2, 0.7))
     # Cycles may grow far beyond the first one; along the parameter no step exceeds `most`.
     size = jnp.maximum(jnp.max(jnp.abs(new.place.z)), 1)
-    along_parameter = most / jnp.maximum(jnp.abs(new.tangent.p), REAL_MULTIPLIER)
+    along_parameter = most / jnp.maximum(jnp.abs(new.tangent.p), ROUNDED)
     longest = jnp.minimum(most * size, jnp.maximum(along_parameter, most))
     grown = jnp.minimum(jnp.where(ds == PROBE_STEP, FIRST_STEP, grown), longest)
     planned = ds * PLANNED_MOVE / jnp.maximum(_multiplier_motion(known, new), np.finfo(float).tiny)
@@ -186,11 +186,11 @@ def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scal
 def _multiplier_motion(known: StepState, new: StepState) -> Scalar:
     """Largest move of a complex multiplier, relative to its distance from +1."""
     mu, before = new.multipliers, known.multipliers
-    is_pair = jnp.isfinite(mu) & (jnp.abs(jnp.imag(mu)) > REAL_MULTIPLIER)
+    is_pair = jnp.isfinite(mu) & (jnp.abs(jnp.imag(mu)) > ROUNDED)
     mu = jnp.where(is_pair, mu, 0)
     ways = jnp.abs(mu[:, None] - before[None, :])
     way = jnp.min(jnp.where(jnp.isfinite(ways), ways, jnp.inf), axis=1)
-    return jnp.max(jnp.where(is_pair, way / jnp.maximum(jnp.abs(mu - 1), REAL_MULTIPLIER), 0))
+    return jnp.max(jnp.where(is_pair, way / jnp.maximum(jnp.abs(mu - 1), ROUNDED), 0))
 
 
 def is_plain(sequence: Sequence, known: StepState, new: StepState, limits: StepLimits, ds: Scalar) -> Flag:

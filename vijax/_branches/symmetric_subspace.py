@@ -19,7 +19,7 @@ from .._orbits.maps import monodromy_matrix
 from .._system.compliant import AbstractCompliantLimit, CompliantContact
 from .._system.contact import Contact
 from .._system.system import AnyStop, ImpactSystem, mass_matrix
-from .tolerances import SAME_SHAPE
+from .tolerances import ROUNDED
 
 
 class Subspace(NamedTuple):
@@ -58,8 +58,8 @@ def symmetric_subspace(system: ImpactSystem, shape: np.ndarray) -> Subspace | No
     laws = np.array([_law(stop, basis) for stop in system.stops]).reshape(len(system.stops), -1)
     size = np.abs(laws).max(axis=0, initial=0) + np.finfo(float).tiny
     parts: list[list[int]] = []
-    for j in np.flatnonzero((np.abs(laws[:, 2:]) > SAME_SHAPE).any(axis=1)):
-        alike = [part for part in parts if (np.abs(laws[part[0]] - laws[j]) < SAME_SHAPE * size).all()]
+    for j in np.flatnonzero((np.abs(laws[:, 2:]) > ROUNDED).any(axis=1)):
+        alike = [part for part in parts if (np.abs(laws[part[0]] - laws[j]) < ROUNDED * size).all()]
         if alike:
             alike[0].append(int(j))
         else:
@@ -103,7 +103,7 @@ def _returns(system: ImpactSystem, period: Reals, x: Reals, v: Reals) -> Float[A
 
 
 def _is_kept(matrix: np.ndarray, shape: np.ndarray) -> bool:
-    return bool(np.abs(matrix @ shape - shape).max() < SAME_SHAPE * np.abs(shape).max())
+    return bool(np.abs(matrix @ shape - shape).max() < ROUNDED * np.abs(shape).max())
 
 
 def _law(stop: AnyStop, basis: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from .._machine.state import AHEAD, BEHIND, FREE, SPRING, STICKING
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
-from .tolerances import AT_BIFURCATION, CUT_AT_ONCE, GRIP_OF_BOUNCE, ON_CIRCLE, ROUNDED_FUNCTION, STICK_BEGINS
+from .tolerances import AT_BIFURCATION, HALF_DIGITS, LIGHT_IMPACT, LOCATED, ROUNDED_FUNCTION
 
 Multipliers = Any
 
@@ -127,9 +127,9 @@ def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunc
             of_flight = lambda seen, k=k: float(seen.found.place.flights[k])  # noqa: E731
             rate = lambda seen, k=k: float(seen.found.tangent.flights[k])  # noqa: E731
             found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True, rate=rate))
-    num, is_switching = sequence.mode.shape[1], sequence.is_switching
+    num = sequence.mode.shape[1]
     slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING, SPRING)), axis=0).tolist()
-    for j in range(2 * num if is_switching else num):
+    for j in range(num * sequence.num_groups):
         is_friction = slides[j % num]
         kinds = {
             "gap": Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO,
@@ -139,7 +139,7 @@ def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunc
         for name, kind in kinds.items():
             of_guard = lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j])  # noqa: E731
             rate = None
-            if not is_switching:
+            if sequence.num_groups == 1:
                 rate = lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j])  # noqa: E731
             found.append(TestFunction(kind, of_guard, j, rate=rate, least=name))
     return tuple(found)
@@ -148,41 +148,31 @@ def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunc
 def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
     """Kind of the bifurcation at the zero of a test function, of a corrected cycle or of a point of a curve.
 
-    A stick may touch a bound where it begins, or later. A guard may vanish just when another event ends its flight.
+    A guard may vanish with an event: with one that cuts its flight off, or at the beginning of its stick.
     """
-    if sequence.is_switching and _is_cut(test, sequence, seen):
-        return Kind.DOUBLE_IMPACT
-    if test.kind != Kind.ADDING_SLIDING or test.of_flight:
+    if test.least not in ("gap", "force"):
         return test.kind
-    flight, time = int(seen.watched.force_flight[test.index]), float(seen.watched.force_time[test.index])
-    begin = float(seen.found.place.flights[:flight].sum())
-    return Kind.SWITCHING_SLIDING if flight and abs(time - begin) < STICK_BEGINS else Kind.ADDING_SLIDING
-
-
-def _is_cut(test: TestFunction, sequence: Sequence, seen: Any) -> bool:
-    """True if the guard of a test function is least where another event cuts its flight off, see `admissibility.py`."""
-    if test.least == "force":
-        return _is_freed(sequence, seen, test.index)
-    if test.least != "gap":
-        return False
     own = test.index % sequence.mode.shape[1]
-    if test.kind == Kind.GRAZING_SLIDING:  # friction of a contact begins and ends with that
-        is_open = sequence.mode[:, own] == FREE
-        is_cut = (sequence.kind == IMPACT) | (is_open[1:] != is_open[:-1])
+    flight, time = (getattr(seen.watched, f"{test.least}_{of}")[test.index] for of in ("flight", "time"))
+    since = np.cumsum(seen.found.place.flights[: len(sequence.kind)]) - float(time)
+    at_once = np.flatnonzero(np.abs(since) < LOCATED).tolist()
+    if test.least == "force":
+        # The event of another element sets it free, or the force is least where the element comes to rest.
+        is_cut = flight in at_once and sequence.stop[flight] != own
+        is_cut = is_cut and sequence.mode[flight, own] != sequence.mode[flight + 1, own]
+        begins = test.kind == Kind.ADDING_SLIDING and flight - 1 in at_once
     else:
-        is_cut = (sequence.stop == own) & _is_one_of(sequence.kind, (OPEN, OPEN + SECOND))
-    cuts = np.flatnonzero(is_cut)
-    since = np.cumsum(seen.found.place.flights)[cuts] - float(seen.watched.gap_time[test.index])
-    return bool((np.abs(since) < CUT_AT_ONCE).any())
+        is_cut, begins = any(_is_cut(test, sequence, k, own) for k in at_once), False
+    return Kind.DOUBLE_IMPACT if is_cut else Kind.SWITCHING_SLIDING if begins else test.kind
 
 
-def _is_freed(sequence: Sequence, seen: Any, guard: int) -> bool:
-    """True if the event of another element sets the element of a guard free where the guard is least."""
-    k, j = int(seen.watched.force_flight[guard]), guard % sequence.mode.shape[1]
-    if k >= len(sequence.kind) or sequence.stop[k] == j or sequence.mode[k, j] == sequence.mode[k + 1, j]:
-        return False
-    since = float(np.cumsum(seen.found.place.flights)[k] - seen.watched.force_time[guard])
-    return abs(since) < CUT_AT_ONCE
+def _is_cut(test: TestFunction, sequence: Sequence, k: int, own: int) -> bool:
+    """True if event `k` cuts off a flight on which the guard of a test function falls, see `margin_scan.py`."""
+    if test.kind != Kind.GRAZING_SLIDING:
+        return bool(sequence.stop[k] == own and sequence.kind[k] % SECOND == OPEN)
+    # Friction of a contact begins and ends with that.
+    is_open = sequence.mode[k : k + 2, own] == FREE
+    return bool(sequence.kind[k] == IMPACT or is_open[0] != is_open[1])
 
 
 def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
@@ -214,8 +204,6 @@ def begins_with_contact(sequence: Sequence, k: int) -> bool:
 
 def _has_speed(sequence: Sequence) -> Any:
     """True for events with a test function of their own: an impact, a compliant contact that closes at its gap, a turn."""
-    if not sequence.is_switching:
-        return sequence.kind == IMPACT
     return _is_one_of(sequence.kind, (IMPACT, CLOSING, TURN))
 
 
@@ -255,12 +243,9 @@ def _follows_another(sequence: Sequence) -> Any:
     """True where an event can meet the one before. Two impacts of one stop are left out: one loses its speed there."""
     kind, stop = sequence.kind, sequence.stop
     is_same = stop[1:] == stop[:-1]
-    if sequence.is_switching:
-        # Where a compliant contact has no duration, it closes at no speed; where a turn has none, friction would stick.
-        alike = _is_one_of(kind, (IMPACT, CLOSING, OPEN, TURN))
-        is_same = is_same & alike[1:] & alike[:-1]
-    else:
-        is_same = is_same & (kind[1:] == kind[:-1])
+    # Where a compliant contact has no duration, it closes at no speed; where a turn has none, friction would stick.
+    alike = _is_one_of(kind, (IMPACT, CLOSING, OPEN, TURN))
+    is_same = is_same & alike[1:] & alike[:-1]
     # The first event has none before it.
     xp = array_namespace(kind)
     return xp.concatenate([xp.zeros_like(kind[:1], dtype=bool), ~is_same & (kind[1:] != NOTHING)])
@@ -273,7 +258,7 @@ def crossings(tests: Many[TestFunction], before: CorrectedCycle, after: Correcte
 
 def without_echoes(sequence: Sequence, met: list[TestFunction]) -> list[TestFunction]:
     """Test functions of a step without those of guards of an element whose events meet there: these vanish with them."""
-    if not sequence.is_switching:
+    if sequence.num_groups == 1:
         return met
     num = sequence.mode.shape[1]
     # The duration of a slip that begins with a turn is rounded where it vanishes; the force at that turn is not.
@@ -302,7 +287,7 @@ def _is_end_of_rebound(sequence: Sequence, k: int, impacts: set[int]) -> bool:
 
 
 def grips(sequence: Sequence, seen: CorrectedCycle) -> Any:
-    """Grip that impacts leave to friction of their contacts, see `SwitchedEnd`, (events stops,).
+    """Grip that impacts leave to friction of their contacts, see `EndOfFlight`, (events stops,).
 
     Its sign tells whether the friction sticks within the impact or slips. NaN where there is none, and in light bounces, of
     which a chatter has ever more.
@@ -313,7 +298,7 @@ def grips(sequence: Sequence, seen: CorrectedCycle) -> Any:
         return np.zeros(0)
     num = len(sequence.kind)
     speeds = xp.where(sequence.kind == IMPACT, speeds[:num], 0)
-    is_heavy = speeds > GRIP_OF_BOUNCE * xp.max(speeds, initial=0)
+    is_heavy = speeds > LIGHT_IMPACT * xp.max(speeds, initial=0)
     return xp.where(is_heavy[:, None], grip[:num], xp.nan).ravel()
 
 
@@ -339,4 +324,4 @@ def is_plastic(sequence: Sequence, seen: CorrectedCycle, test: TestFunction) -> 
 def num_unstable(seen: CorrectedCycle) -> Any:
     """Number of multipliers outside the unit circle."""
     xp, mu = array_namespace(seen.found.multipliers), seen.found.multipliers
-    return xp.count_nonzero(xp.abs(mu) > 1 + ON_CIRCLE, axis=-1)
+    return xp.count_nonzero(xp.abs(mu) > 1 + HALF_DIGITS, axis=-1)

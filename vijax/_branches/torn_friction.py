@@ -25,7 +25,7 @@ Guards = Callable[[Moment, Array, Array], Float[Array, " guards"]]
 
 def has_friction(machine: Machine) -> bool:
     """True if some friction may be torn off."""
-    return machine.contacts.is_switching and FRICTION in machine.contacts.laws.kinds
+    return FRICTION in machine.contacts.kinds
 
 
 def torn_at(sequence: Sequence) -> Bool[Array, "events elements"]:

@@ -18,7 +18,7 @@ from .point import BranchPoint, at_parameter, correct_with_free_parameter
 from .requests import Requests
 from .sequence_edits import exchanged, letters_between
 from .test_functions import TestFunction
-from .tolerances import DOUBLE_ROOT_HOP, HOP_MOVED, HOP_NEAR, SHORT_HOP
+from .tolerances import DOUBLE_ROOT, LOCATED, NEAR, SHORT_HOP
 
 
 def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Requests[BranchPoint | None]:
@@ -30,7 +30,7 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Re
         seen = yield from at_parameter(sequence, place, float(place.p))
         if not seen.found.is_converged:  # the parameter may be stationary where the hop vanishes
             seen = yield from correct_with_free_parameter(sequence, place)
-        if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > HOP_NEAR:
+        if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > NEAR:
             continue
         start = BranchPoint.of(sequence, seen, point.arc)
         found = yield from vanishing(start, Kind.FORCE_ZERO, stop)
@@ -49,9 +49,9 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoin
         return (yield from end_of_vanishing_flight(event, int(flights[k])))
     if test.kind == Kind.FORCE_ZERO:
         hops = np.where(event.sequence.stop == k, _durations(event), np.inf)
-        if np.min(hops, initial=np.inf) < DOUBLE_ROOT_HOP:
+        if np.min(hops, initial=np.inf) < DOUBLE_ROOT:
             found = yield from end_of_vanishing_flight(event, int(np.argmin(hops)))
-            if found is not None and abs(found.place.p - event.place.p) < HOP_MOVED:
+            if found is not None and abs(found.place.p - event.place.p) < LOCATED:
                 return found
     return None
 
@@ -59,7 +59,7 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoin
 def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int, Sequence, ExtendedCycle]]:
     """Pairs of the stop of each short hop, the shortest first, and the cycle without the hop."""
     sequence, durations = point.sequence, _durations(point)
-    num = len(durations) if not sequence.is_switching or point.seen.watched.grip is not None else 0
+    num = len(durations) if sequence.num_groups == 1 or point.seen.watched.grip is not None else 0
     for k in np.argsort(durations[:num]) if flight is None else [flight % max(num, 1)]:
         last = _end_of_hop(point, int(k)) if num and durations[k] < SHORT_HOP else None
         if last is not None:

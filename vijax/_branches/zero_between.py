@@ -10,7 +10,7 @@ from .point import BranchPoint, End, between, on_plane
 from .requests import Requests
 from .section import in_section
 from .sequence_edits import are_alike
-from .tolerances import ZERO
+from .tolerances import NEGLIGIBLE
 
 
 def zero_between(
@@ -31,7 +31,7 @@ def zero_between(
         if not np.isfinite(value):
             return None
         bracket = bracket.narrowed(s, value)
-    if best is None or not abs(value) <= ZERO * max(map(abs, ends)):
+    if best is None or not abs(value) <= NEGLIGIBLE * max(map(abs, ends)):
         return None
     point = yield from in_section(best, num_periods)
     return None if isinstance(point, End) else point

@@ -23,6 +23,7 @@ contact, and whether a contact holds depends on it: all are decided together. Fr
 it a set that stands need not exist (Painleve).
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -32,7 +33,7 @@ from jaxtyping import Array, Bool, Int
 from .._jax.concrete import stop_gradients
 from .._machine.machine import Machine
 from .._machine.state import SATURATED, State
-from .._machine.switching import FRICTION, RIGID
+from .._machine.switching import FRICTION, RIGID, Laws
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
 from .just_after import just_after, sign_just_after, zeros_just_after
 
@@ -138,8 +139,7 @@ def _judged(
     `parted` are flags of friction whose contact opens.
     """
     contacts, elements = machine.contacts, at_rest.elements
-    laws, are = contacts.laws, contacts.are
-    friction, rigid = are(FRICTION), are(RIGID)
+    laws, friction, rigid = contacts.laws, contacts.are(FRICTION), contacts.are(RIGID)
     holds = elements & (act == 0)
     holds = holds if parted is None else holds & ~parted
     hold = contacts.hold(holds)
@@ -147,39 +147,16 @@ def _judged(
     idle = contacts.is_redundant(hold)
     bound = jnp.where(friction, jnp.where(depends, laws.grip, laws.force), laws.preload)
     pushes = elements & jnp.where(friction, ~holds, act == 1)
-    own = jnp.where(pushes, act * bound, 0)
-
-    def spring_rates(moves: list[Array]) -> Array:
-        # F0 + k d + c d' of a spring at d = 0 and d' = 0.
-        rate = (
-            laws.damping * moves[-1]
-            if len(moves) == 1
-            else laws.damping * moves[-1] + laws.stiffness * moves[-2]
-        )
-        return jnp.where(pushes & ~friction, rate, 0)
-
+    own, spring_rates = jnp.where(pushes, act * bound, 0), partial(_spring_rates, laws, pushes & ~friction)
     forces, errors, moves, move_errors = just_after(machine, state, force, hold, own, spring_rates)
-    most = jnp.where(rigid, jnp.inf, jnp.where(friction, laws.grip, laws.preload))
-    least = jnp.where(friction, -laws.grip, 0)
-    # A bound that the force was found to reach is reached exactly.
-    known = [jnp.where(holds, at_rest.at_bound, 0) == side for side in (1, -1)]
-    near = errors[0] * float(jnp.finfo(force.dtype).eps) ** -0.5
-    room = [jnp.where(rigid, jnp.inf, most - forces[0]), forces[0] - least]
-    ahead, behind = [-forces[1], -forces[2]], [forces[1], forces[2]]
+    grips = None
     if parted is not None:
         pushing = [own, spring_rates(moves[:1]), spring_rates(moves[:2])]
-        grips = _tied_grips(
-            machine, state, [jnp.where(holds, f, p) for f, p in zip(forces, pushing, strict=True)], moves
-        )
-        errors = [
-            e + laws.static_coefficient * jnp.where(contacts.are_tied, contacts.at_normal(e), 0)
-            for e in errors
-        ]
-        near = errors[0] * float(jnp.finfo(force.dtype).eps) ** -0.5
-        room = [r + grips[0] for r in room]
-        ahead, behind = ([a + g for a, g in zip(rates, grips[1:], strict=True)] for rates in (ahead, behind))
-    room = [jnp.where(k & (jnp.abs(r) <= near), 0, r) for k, r in zip(known, room, strict=True)]
-    rooms = [room[0], *ahead], [room[1], *behind]
+        all_forces = [jnp.where(holds, f, p) for f, p in zip(forces, pushing, strict=True)]
+        grips = _tied_grips(machine, state, all_forces, moves)
+        at_normal = lambda e: jnp.where(contacts.are_tied, contacts.at_normal(e), 0)  # noqa: E731
+        errors = [e + laws.static_coefficient * at_normal(e) for e in errors]
+    rooms = _rooms(machine, holds, at_rest.at_bound, forces, errors, grips)
     above, below = (sign_just_after(values, errors) < 0 for values in rooms)
     upper, lower = (jnp.where(holds, zeros_just_after(values, errors), 0) for values in rooms)
     begins = jnp.where(friction, upper, lower), jnp.where(friction, lower, upper)
@@ -195,13 +172,46 @@ def _judged(
     wrong = above | below | returns | impossible
     proposed = jnp.where(above, jnp.int8(1), jnp.where(below, jnp.int8(-1), jnp.int8(0)))
     proposed = jnp.where(wrong, proposed, act).astype(jnp.int8)
-    held = holds & ~idle
-    kept = elements & (idle | depends)
+    held, kept = holds & ~idle, elements & (idle | depends)
     kept = kept if parted is None else kept & ~parted
     worth = jnp.where(held | kept, _worth(machine), 0)
     score = jnp.sum(jnp.where(wrong, CONFLICT, worth), axis=0)
     jumps = jnp.abs(moves[0]) > move_errors[0]
     return Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps, begins))
+
+
+def _spring_rates(laws: Laws, are_springs: Array, moves: list[Array]) -> Array:
+    """Derivative of F0 + k d + c d' of flagged springs at d = 0 and d' = 0, after those whose accelerations are `moves`."""
+    rate = laws.damping * moves[-1]
+    rate = rate if len(moves) == 1 else rate + laws.stiffness * moves[-2]
+    return jnp.where(are_springs, rate, 0)
+
+
+def _rooms(
+    machine: Machine,
+    holds: Array,
+    at_bound: Array,
+    forces: list[Array],
+    errors: list[Array],
+    grips: list[Array] | None,
+) -> tuple[list[Array], list[Array]]:
+    """Room of the forces of elements that hold to their upper and to their lower bound, with two derivatives each.
+
+    `grips` are those of friction of contacts, see `_tied_grips`; None without.
+    """
+    laws, friction, rigid = machine.contacts.laws, machine.contacts.are(FRICTION), machine.contacts.are(RIGID)
+    most = jnp.where(rigid, jnp.inf, jnp.where(friction, laws.grip, laws.preload))
+    least = jnp.where(friction, -laws.grip, 0)
+    room = [jnp.where(rigid, jnp.inf, most - forces[0]), forces[0] - least]
+    ahead, behind = [-forces[1], -forces[2]], [forces[1], forces[2]]
+    if grips is not None:
+        room = [r + grips[0] for r in room]
+        ahead, behind = ([a + g for a, g in zip(rates, grips[1:], strict=True)] for rates in (ahead, behind))
+    # A bound that the force was found to reach is reached exactly.
+    near = errors[0] * float(jnp.finfo(forces[0].dtype).eps) ** -0.5
+    known = [jnp.where(holds, at_bound, 0) == side for side in (1, -1)]
+    room = [jnp.where(k & (jnp.abs(r) <= near), 0, r) for k, r in zip(known, room, strict=True)]
+    return [room[0], *ahead], [room[1], *behind]
 
 
 def _tied_grips(machine: Machine, state: State, forces: list[Array], moves: list[Array]) -> list[Array]:

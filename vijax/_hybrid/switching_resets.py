@@ -10,7 +10,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Flag, Scalar, matvec, with_derivative_of
 from .._jax.concrete import stop_gradients
@@ -22,7 +22,7 @@ from .._system.checks import is_touching
 from .coupled_impacts import impact, without_rounding
 from .decision import AtRest, Decision, decide, no_decision
 from .entries import logged
-from .friction_chatter import comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
+from .friction_chatter import Chatter, comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
 from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
 from .guards import has_one_guard
@@ -156,7 +156,6 @@ def _switch(
     """
     contacts, hit = machine.contacts, instant.hit
     rigid, compliant, friction = (contacts.are(kind) for kind in (RIGID, COMPLIANT, FRICTION))
-    is_jump = jnp.any(hit, axis=0)
     # In a batch the trajectories without an event come here as well: they stay as they are.
     is_now = jnp.any(events.first | events.second, axis=0)
     is_now = is_now if jumps is None else is_now | jumps
@@ -177,20 +176,8 @@ def _switch(
     struck = _Struck(speed, is_struck, stays)
     state, arrives, events, size = _friction_switched(machine, before, state, events, struck, is_now, sticks)
 
-    chatter, none = no_chatter(state), jnp.zeros_like(hit)
-    if RIGID in contacts.laws.kinds:
-        chatter = jax.lax.cond(
-            is_any(hit),
-            lambda: compute_once(complete_chatter, machine, state, instant),
-            lambda: no_chatter(state),
-        )
-    ends = rubbed = none
-    if {COMPLIANT, FRICTION} <= set(contacts.laws.kinds):
-        ends, rubbed = jax.lax.cond(
-            is_any(at_limit),
-            lambda: compute_once(comes_to_rest, machine, state, at_limit),
-            lambda: (none, none),
-        )
+    chatter, lightest = _chatter_of(machine, state, instant), jnp.zeros_like(hit)
+    ends, rubbed = _rest_at_limits(machine, state, at_limit)
     is_plastic = hit & (instant.velocity_plus == 0)
     # Elements that have left at this very instant, with no speed, are still at rest.
     has_left = (state.contact >= jnp.where(friction, 1, 2)) & ~hit & ~torn & ~is_struck
@@ -199,19 +186,19 @@ def _switch(
     settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
     settles = settles | has_left | (compliant & at_limit & (speed == 0) & ~was_at_rest)
     duration = chatter.duration
-    lightest = lightest_bounces(machine, state, instant) & ~settles if RIGID in contacts.laws.kinds else none
+    if RIGID in contacts.laws.kinds:
+        lightest = lightest_bounces(machine, state, instant) & ~settles
     if sticks is not None:
         # Contacts whose friction is decided with them rest without a proof that their bounces end.
         settles = settles | lightest & contacts.presses_friction
         lightest = lightest & ~contacts.are_tied & ~contacts.presses_friction
         state, settles, duration = loaded(machine, state, settles, size, chatter)
         lightest = lightest & ~settles
-    # First guards are those of the lower bound of a contact, and of the upper one of friction.
-    side = jnp.where(events.first, -1, jnp.where(events.second, 1, 0))
-    side = jnp.where(stays & before.held & ~is_jump, jnp.where(friction, -side, side), 0)
+    at_bound = stays & before.held & ~jnp.any(hit, axis=0)
+    side = _side_of_bound(events, at_bound, friction)
     after = jax.lax.cond(
         is_any(settles | lightest),
-        lambda: compute_once(_settled, machine, state, AtRest(settles, side.astype(jnp.int8)), lightest),
+        lambda: compute_once(_settled, machine, state, AtRest(settles, side), lightest),
         lambda: state,
     )
     if sliders is not None:
@@ -219,6 +206,40 @@ def _switch(
     after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
     ended = jnp.where(events.first, 1, 2 * events.second)
     return after, logged(machine, before, after, instant, ended, duration)
+
+
+def _side_of_bound(events: Zeros, at_bound: Array, friction: Array) -> Int[Array, "contacts ..."]:
+    """Sign of the bound that the force of flagged elements has reached; 0 for all else.
+
+    First guards are those of the lower bound of a contact, and of the upper one of friction.
+    """
+    side = jnp.where(events.first, -1, jnp.where(events.second, 1, 0))
+    return jnp.where(at_bound, jnp.where(friction, -side, side), 0).astype(jnp.int8)
+
+
+def _chatter_of(machine: Machine, state: State, instant: Instant) -> Chatter:
+    """Bounces of rigid contacts that end at this instant, see `complete_chatter`."""
+    if RIGID not in machine.contacts.laws.kinds:
+        return no_chatter(state)
+    return jax.lax.cond(
+        is_any(instant.hit),
+        lambda: compute_once(complete_chatter, machine, state, instant),
+        lambda: no_chatter(state),
+    )
+
+
+def _rest_at_limits(
+    machine: Machine, state: State, at_limit: Bool[Array, "contacts ..."]
+) -> tuple[Bool[Array, "contacts ..."], Bool[Array, "contacts ..."]]:
+    """Compliant contacts that come to rest at their limits, and friction that does with them, see `comes_to_rest`."""
+    none = jnp.zeros_like(at_limit)
+    if not {COMPLIANT, FRICTION} <= set(machine.contacts.laws.kinds):
+        return none, none
+    return jax.lax.cond(
+        is_any(at_limit),
+        lambda: compute_once(comes_to_rest, machine, state, at_limit),
+        lambda: (none, none),
+    )
 
 
 class _Struck(NamedTuple):

@@ -256,6 +256,26 @@ def append_axes(vector: Reals, like: Reals) -> Reals:
     return vector.reshape(vector.shape + (1,) * (like.ndim - vector.ndim))
 
 
+def with_rows_last(tree: Any) -> Any:
+    """Arrays with their first axis last, as kernels over lanes have it."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), tree)
+
+
+def with_rows_first(tree: Any) -> Any:
+    """Arrays with their last axis first, see `with_rows_last`."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), tree)
+
+
+def shapes_of_row(tree: Any) -> Any:
+    """Shapes and types of one row of arrays along their first axis."""
+    return jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), tree)
+
+
+def shapes_of_lane(tree: Any) -> Any:
+    """Shapes and types of one lane of arrays with lanes last."""
+    return jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[:-1], a.dtype), tree)
+
+
 def over_lanes(function: Callable, like: Array, *trees: Any) -> Any:
     """Call a function written for one trajectory, for every lane if there are lanes.
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jax.extend.core import Literal
+from jax.extend.core import ClosedJaxpr, Literal
 
 # Equations that call a program with their own arguments.
 _CALLS = frozenset(
@@ -31,6 +31,37 @@ def reached_outputs(jaxpr: Any, moves: Sequence[bool]) -> list[bool]:
             outputs = [True] * len(equation.outvars) if inner is None else reached_outputs(inner, flags)
             moving |= {v for v, moved in zip(equation.outvars, outputs, strict=True) if moved}
     return [is_moving(v) for v in jaxpr.outvars]
+
+
+def without_arguments(
+    program: ClosedJaxpr, is_passed: Sequence[bool]
+) -> tuple[ClosedJaxpr, list[int], list[int | None]]:
+    """A closed program whose results are no arguments, and whose arguments are all read.
+
+    Args:
+        program: a program.
+        is_passed: flags of what it is given, constants first, that is to be an argument; the rest are constants.
+
+    Returns:
+        The program; the numbers of its arguments; and for each result of the given one the number of what it hands back, or
+        None.
+    """
+    jaxpr, values = program.jaxpr, dict(zip(program.jaxpr.constvars, program.consts, strict=True))
+    variables = [*jaxpr.constvars, *jaxpr.invars]
+    places = {v: k for k, v in enumerate(variables)}
+    given = [None if isinstance(v, Literal) else places.get(v) for v in jaxpr.outvars]
+    results = [v for v, k in zip(jaxpr.outvars, given, strict=True) if k is None]
+    read, kept = {v for v in results if not isinstance(v, Literal)}, []
+    for equation in reversed(jaxpr.eqns):
+        if any(v in read for v in equation.outvars):
+            kept.append(equation)
+            read |= {v for v in equation.invars if not isinstance(v, Literal)}
+    numbers = [k for k, v in enumerate(variables) if v in read and is_passed[k]]
+    constants = [v for k, v in enumerate(variables) if v in read and not is_passed[k]]
+    own = jaxpr.replace(
+        constvars=constants, invars=[variables[k] for k in numbers], outvars=results, eqns=kept[::-1]
+    )
+    return ClosedJaxpr(own, [values[v] for v in constants]), numbers, given
 
 
 def _called(equation: Any) -> Any:
@@ -80,7 +111,7 @@ def _key_of_param(value: Any) -> Any:
         hash(value)
     except TypeError:
         return _Same(value)
-    # With its type, as 1 and True are equal.
+    # Key by (type, value): 1 == True would collide.
     return type(value), value
 
 

@@ -26,7 +26,12 @@ part.multiple_results = True
 
 def whole_part(function: Callable[..., Sequence[Array]], arrays: Arrays, call: Callable) -> Arrays:
     """Return `function(*arrays)`, called by `call(function, *arrays)` in the program: it encloses no traced arrays."""
-    return part.bind(*arrays, program=jax.make_jaxpr(function)(*arrays), call=call)
+    return bound_part(jax.make_jaxpr(function)(*arrays), arrays, call)
+
+
+def bound_part(program: Any, arrays: Arrays, call: Callable) -> Arrays:
+    """`whole_part` of a closed program."""
+    return part.bind(*arrays, program=program, call=call)
 
 
 def _evaluate(*arrays: Array, program: Any, call: Callable) -> Arrays:

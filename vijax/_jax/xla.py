@@ -6,10 +6,9 @@ JAX that lacks them has the same effect.
 
 import abc
 import os
-import re
 import threading
 from collections.abc import Callable
-from functools import cache, lru_cache, wraps
+from functools import lru_cache, partial, wraps
 from operator import attrgetter
 from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast
@@ -19,15 +18,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from equinox.internal import unvmap_any
-from jax.core import ShapedArray, eval_jaxpr
-from jax.extend.core import Literal
-from jax.flatten_util import ravel_pytree
+from jax.core import ShapedArray
+from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Bool, PyTree
 
+from .compiler_options import FOR_LANES, FOR_SUMS, LIGHTLY, OF_PARTS, QUICKLY, knows
 from .concrete import is_staged, is_traced
+from .jaxprs import without_arguments
+from .plain_derivatives import plainly_differentiable
 from .programs import Programs
 from .traced import CACHE_SIZE
-from .whole_part import whole_part
+from .whole_part import bound_part
 
 try:
     from jax.experimental.xla_metadata import set_xla_metadata
@@ -64,25 +65,6 @@ def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-# Kernels of `in_one_kernel` can call no library and divide no work among threads: options for programs with sums of more
-# than `UNROLLED` terms in kernels. `reshape-mover` and the algebraic simplifier undo each other until a limit of 25 rounds.
-_PASSES = "xla_disable_hlo_passes"
-# An option replaces what the environment says.
-_DISABLED = re.findall(rf"--{_PASSES}=(\S+)", os.environ.get("XLA_FLAGS", ""))
-_FOR_SUMS = {
-    "xla_cpu_experimental_ynn_fusion_type": "",
-    _PASSES: ",".join(["cpu-parallel-task-assigner", "reshape-mover", *_DISABLED]),
-}
-# Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
-# generator (before JAX 0.11) it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
-_LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4, **_FOR_SUMS}
-# Options for programs in which `in_parts` makes kernels: from JAX 0.12 on XLA would make one of the loop around them.
-_OF_PARTS = {**_LIGHTLY, _PASSES: f"{_FOR_SUMS[_PASSES]},small-while-loop-hoisting"}
-# Options for programs of thousands of operations that run some hundred times for a millisecond. LLVM's passes are most of
-# the compilation, and such programs have few loops that gain by them.
-_QUICKLY = {"xla_backend_optimization_level": 0, **_LIGHTLY}
-
-
 def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     """`eqx.filter_jit` for programs that run no longer than they take to compile, with little overhead per call.
 
@@ -90,17 +72,17 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     part of a larger program, under `jax.jit` or derivatives, the function does not affect how that is compiled.
     Programs are stored for later processes, see `program_store.py`.
     """
-    return _compiled(function, _options)
+    return _compiled(function, LIGHTLY)
 
 
 def compile_quickly(function: Callable[P, R]) -> Callable[P, R]:
     """`compile_lightly` in half the time, for programs that run for far less time than they take to compile."""
-    return _compiled(function, _quick_options)
+    return _compiled(function, QUICKLY)
 
 
-def _compiled(function: Callable[P, R], options: Callable[[], dict | None]) -> Callable[P, R]:
+def _compiled(function: Callable[P, R], options: dict) -> Callable[P, R]:
     part = eqx.filter_jit(function)
-    programs = Programs(function, options)
+    programs = Programs(function, partial(_known_of, options))
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -128,43 +110,21 @@ def compile_derivatives_lightly(function: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-def _options() -> dict | None:
-    return _known_of(_LIGHTLY)
-
-
-def _quick_options() -> dict | None:
-    return _known_of(_QUICKLY)
-
-
-def _options_of_parts() -> dict | None:
-    return _known_of(_OF_PARTS)
-
-
 def options_for_lanes() -> dict | None:
     """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly."""
-    return _known_of(_OF_PARTS | {"xla_cpu_prefer_vector_width": 512})
+    return _known_of(FOR_LANES)
 
 
 def are_sums_in_kernels() -> bool:
     """True where kernels may have sums of any length in programs that are compiled by this file's options."""
-    return _known_of(_FOR_SUMS) == _FOR_SUMS
+    return _known_of(FOR_SUMS) == FOR_SUMS
 
 
 def _known_of(options: dict) -> dict | None:
     """Those options that the backend has, if it is a CPU."""
     if PLAIN or jax.default_backend() != "cpu":
         return None
-    return {name: value for name, value in options.items() if _knows(name, value)}
-
-
-@cache
-def _knows(name: str, value: bool | int | str) -> bool:
-    """True where this version of XLA has an option of a CPU."""
-    try:
-        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
-    except Exception:  # which error is raised depends on the version
-        return False
-    return True
+    return {name: value for name, value in options.items() if knows(name, value)}
 
 
 def compute_once(function: Callable, *args):
@@ -228,42 +188,17 @@ def _own_kernel(function: Callable, args: tuple):
     before, _parts.are_kernels = _parts.are_kernels, False
     try:
         closed = jax.make_jaxpr(of_leaves)(leaves)
-        jaxpr, num_enclosed = closed.jaxpr, len(closed.consts)
-        variables = [*jaxpr.constvars, *jaxpr.invars]
-        values = [*closed.consts, *leaves]
-        places = {variable: k for k, variable in enumerate(variables)}
-        given = [None if isinstance(v, Literal) else places.get(v) for v in jaxpr.outvars]
-        read = _variables_read(jaxpr)
-        own = [k for k, v in enumerate(variables) if v in read and isinstance(values[k], jax.Array)]
-
-        def kernel(*few: Array) -> tuple[Array, ...]:
-            """Results that are no arguments."""
-            all_ = [
-                jnp.zeros(v.aval.shape, v.aval.dtype) if isinstance(a, jax.Array) else a
-                for v, a in zip(variables, values, strict=True)
-            ]
-            for k, a in zip(own, few, strict=True):
-                all_[k] = a
-            found = eval_jaxpr(jaxpr, all_[:num_enclosed], *all_[num_enclosed:])
-            return tuple(a for a, k in zip(found, given, strict=True) if k is None)
-
-        few = [values[k] for k in own]
-        found = iter(whole_part(kernel, few, in_one_kernel) if few and None in given else kernel(*few))
     finally:
         _parts.are_kernels = before
+    values = [*closed.consts, *leaves]
+    is_passed = [isinstance(a, jax.Array) for a in values]
+    program, read, given = without_arguments(closed, is_passed)
+    few = [values[k] for k in read]
+    is_whole = few and program.out_avals
+    found = iter(bound_part(program, few, in_one_kernel) if is_whole else jaxpr_as_fun(program)(*few))
     results = [next(found) if k is None else values[k] for k in given]
     tree, rest = others
     return eqx.combine(jax.tree.unflatten(tree, results), rest)
-
-
-def _variables_read(jaxpr: Any) -> set:
-    """Variables on which results depend that are no arguments."""
-    given = {*jaxpr.constvars, *jaxpr.invars}
-    read = {v for v in jaxpr.outvars if not isinstance(v, Literal)} - given
-    for equation in reversed(jaxpr.eqns):
-        if any(v in read for v in equation.outvars):
-            read |= {v for v in equation.invars if not isinstance(v, Literal)}
-    return read
 
 
 def in_one_kernel(function: Callable, *args):
@@ -295,7 +230,7 @@ def _call(function: Callable, args: tuple, **attributes: str):
     known = [jax.typeof(a) if isinstance(a, jax.Array) else a for a in leaves]
     # What a function encloses, tracers for instance, must not be kept.
     is_plain = isinstance(function, FunctionType) and function.__closure__ is None
-    # With their types, as 1 and True are equal.
+    # Key by (type, value): 1 == True would collide.
     given = function, structure, tuple((type(a), a) for a in known), tuple(attributes)
     try:
         called = _called(*given) if is_plain else _called.__wrapped__(*given)
@@ -417,11 +352,17 @@ def differentiable(function: Callable, tree: Any, *, has_parts: bool = False, **
     # NumPy arrays would be compiled into the program.
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
     if PLAIN or with_derivatives is None:
-        return _plainly_differentiable(function, derivatives.get("smooth"), tree)
+        return plainly_differentiable(function, derivatives.get("smooth"), tree)
     if jax.default_backend() != "cpu":
         derivatives = derivatives | {"many": None, "smooth_many": None}
+    # The same object in every call, as it is part of what programs are known by.
     compiled = _jit_of_parts if has_parts else jit_lightly
     return with_derivatives(function, tree, compiled=compiled, **derivatives)
+
+
+def _jit(function: Callable, options: dict, name: Any = None) -> Callable:
+    run = Programs(function, partial(_known_of, options), name=name, static_numbers=False)
+    return wraps(function)(run)
 
 
 def jit_lightly(function: Callable, name: Any = None) -> Callable:
@@ -431,69 +372,19 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
         function: the function.
         name: names all that a local function depends on, so that its programs can be stored, see `Programs`.
     """
-    return wraps(function)(Programs(function, _options, name=name, static_numbers=False))
+    return _jit(function, LIGHTLY, name)
 
 
 def _jit_of_parts(function: Callable) -> Callable:
     """`jit_lightly` for functions that call `in_parts`."""
-    return wraps(function)(Programs(function, _options_of_parts, static_numbers=False))
+    return _jit(function, OF_PARTS)
 
 
 def jit_quickly(function: Callable, name: Any = None) -> Callable:
     """`compile_quickly` for functions that are never part of a larger program, see `jit_lightly`."""
-    return wraps(function)(Programs(function, _quick_options, name=name, static_numbers=False))
+    return _jit(function, QUICKLY, name)
 
 
 def jit_for_lanes(function: Callable, name: Any = None) -> Callable:
     """`jit_lightly` for functions whose arrays have lanes last, with the widest vectors."""
-    return wraps(function)(Programs(function, options_for_lanes, name=name, static_numbers=False))
-
-
-@eqx.filter_jit
-def _plainly_differentiable(function: Callable, smooth: Callable | None, tree: Any) -> Any:
-    """`differentiable` from public JAX alone: every derivative is a product with all derivatives, taken forwards."""
-    moving, still = eqx.partition(tree, eqx.is_inexact_array)
-    arrays, others = eqx.partition(still, eqx.is_array)
-    flat, rebuild = ravel_pytree(moving)
-    tree_of = lambda x, arrays: eqx.combine(rebuild(x), arrays, others)  # noqa: E731
-    whole = lambda x, arrays: function(tree_of(x, arrays))  # noqa: E731
-    found = eqx.filter_eval_shape(whole, flat, arrays)
-    y, rest = eqx.partition(found, lambda a: isinstance(a, jax.ShapeDtypeStruct))
-    wanted = jax.tree.map(lambda a: jnp.issubdtype(a.dtype, jnp.inexact), y)
-
-    def values(x: Array, arrays: PyTree) -> Any:
-        return eqx.filter(whole(x, arrays), eqx.is_array)
-
-    def again(x: Array, arrays: PyTree) -> Any:
-        tree = tree_of(x, arrays)
-        return eqx.filter(function(tree) if smooth is None else smooth(tree, wanted), eqx.is_array)
-
-    return eqx.combine(_by_jacobian(values, again)(flat, arrays), rest)
-
-
-def _by_jacobian(values: Callable, again: Callable) -> Callable:
-    """Function of a vector whose tangents are products with the derivatives of `again`, which are such a function too.
-
-    Both take other arrays besides: JAX may not find traced ones that a rule of derivatives closes over.
-    """
-
-    def jacobian(x: Array, arrays: PyTree) -> Any:
-        inexact = lambda x: eqx.filter(again(x, arrays), eqx.is_inexact_array)  # noqa: E731
-        return jax.jacfwd(inexact)(x)
-
-    @jax.custom_jvp
-    def found(x: Array, arrays: PyTree) -> Any:
-        return values(x, arrays)
-
-    @found.defjvp
-    def _(primals, tangents):
-        y = found(*primals)
-        slopes = _by_jacobian(jacobian, jacobian)(*primals)
-        along = lambda a, slope: _no_tangent(a) if slope is None else slope @ tangents[0]  # noqa: E731
-        return y, jax.tree.map(along, y, slopes)
-
-    return found
-
-
-def _no_tangent(a: Array) -> np.ndarray:
-    return np.zeros(a.shape, jax.dtypes.float0)
+    return _jit(function, FOR_LANES, name)

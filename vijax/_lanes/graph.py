@@ -48,7 +48,7 @@ Element = Any
 
 
 class Block(abc.ABC):
-    """Control flow that stays control flow: a loop, or a choice that is the same for all lanes."""
+    """A loop, or a choice that is the same for all lanes, emitted as `while_loop` or `cond` instead of being unrolled."""
 
     @abc.abstractmethod
     def inputs(self, used: Collection[int]) -> list[Node]:

@@ -101,6 +101,11 @@ class MachineNumbers(eqx.Module):
         return None if self.laws is None else ModeLayout(self.laws.is_tied)
 
     @property
+    def is_switching(self) -> bool:
+        """True if forces switch between linear laws, as `ImpactSystem.is_switching`."""
+        return self.laws is not None
+
+    @property
     def num_stops(self) -> int:
         """Number of contacts without friction and Jenkins elements."""
         return len(self.rows) if self.laws is None else self.laws.num_stops

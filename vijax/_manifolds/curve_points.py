@@ -61,7 +61,7 @@ class CurvePoints:
         self.past = [states[at] for states in self.past]
         self.is_cut, self.is_tested, self.is_first = cuts > 0, untested == 0, self.is_first[at]
 
-    def cut_jumps(self, spacing: float, fine: float) -> None:
+    def cut_jumps(self, fine: float) -> None:
         """Cut intervals whose ends are apart, though their preimages are one, and those that begin or end where no state is."""
         if len(self.past) < 2:
             return

@@ -128,7 +128,7 @@ class CurveGrowth:
     def _refine(self, curve: CurvePoints, remaining: float) -> bool:
         """Insert points until the piece is resolved as far as its length counts; False if they are too many."""
         while True:
-            curve.cut_jumps(self.spacing, FINE * self.spacing)
+            curve.cut_jumps(FINE * self.spacing)
             is_beyond = self._grown(curve)[:-1] > remaining
             parts = np.where(is_beyond, 1, self._parts(curve))
             if (parts > 1).any():

@@ -204,7 +204,7 @@ def _cycle_from(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> _Foun
     return found._replace(is_orbit=_is_followed(strobe, found, middle, _run(strobe, middle.z, middle.length)))
 
 
-class _Run(NamedTuple):
+class _UnforcedRun(NamedTuple):
     """A run: its start and end, its events and the durations of its flights."""
 
     start: Array
@@ -223,18 +223,18 @@ class _Middle(NamedTuple):
 
 
 @compile_lightly
-def _run(strobe: StroboscopicMap, start: Float[Array, " state"], length: Scalar) -> _Run:
+def _run(strobe: StroboscopicMap, start: Float[Array, " state"], length: Scalar) -> _UnforcedRun:
     """Run over a length, in units."""
     strobe = eqx.tree_at(lambda s: s.num_periods, strobe, length)
     choices = Choices(can_stick=True, room=strobe.room)
     log, _, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(start), choices)
-    return _Run(
+    return _UnforcedRun(
         start, end, *sequence_of(Instants.of(log), strobe.t0, strobe.period, kinds_of(strobe.numbers))
     )
 
 
 @compile_quickly
-def _newton(strobe: StroboscopicMap, run: _Run) -> _Found:
+def _newton(strobe: StroboscopicMap, run: _UnforcedRun) -> _Found:
     """The cycle of the events of a run over one unit, by Newton's method."""
     sequence, flights = run.sequence, run.flights
     count = jnp.sum(sequence.is_event)
@@ -256,7 +256,9 @@ def _middle(strobe: StroboscopicMap, found: _Found) -> _Middle:
 
 
 @compile_quickly
-def _is_followed(strobe: StroboscopicMap, found: _Found, middle: _Middle, run: _Run) -> Bool[Array, ""]:
+def _is_followed(
+    strobe: StroboscopicMap, found: _Found, middle: _Middle, run: _UnforcedRun
+) -> Bool[Array, ""]:
     """True where a run from the middle of the first flight shows the events of the cycle and closes."""
     flights = from_middle(found.unknowns).flights
     is_alike = is_same_sequence(found.sequence, flights, run.sequence, run.flights)

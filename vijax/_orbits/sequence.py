@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.limits import CLOSE, EVENT_NAMES, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from .._hybrid.transition import Instant
-from .._jax.arrays import Reals, Scalar
+from .._jax.arrays import Reals, Scalar, array_namespace
 from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
@@ -45,9 +45,18 @@ class Sequence(NamedTuple):
     mode: Reals
 
     @property
-    def is_switching(self) -> bool:
-        """True for machines with friction or compliant contacts."""
-        return self.mode.dtype != bool
+    def num_groups(self) -> int:
+        """Number of groups of guards, see `guards_of`: one of rigid contacts alone, else two."""
+        return 1 if self.mode.dtype == bool else 2
+
+    def for_guards(self, of_elements: Reals) -> Reals:
+        """Rows of elements, repeated for the guards of each group."""
+        library = array_namespace(of_elements)
+        return of_elements if self.num_groups == 1 else library.concatenate([of_elements] * self.num_groups)
+
+    def for_first_guards(self, flags: Array) -> Array:
+        """Flags of elements for the guards of the first group; none of the others is set."""
+        return flags if self.num_groups == 1 else jnp.concatenate([flags, jnp.zeros_like(flags)])
 
     @property
     def held(self) -> Reals:
@@ -62,10 +71,10 @@ class Sequence(NamedTuple):
     @property
     def most_erased(self) -> Int[Array, ""]:
         """The most directions of the state that a flight has lost: a held mass two, friction that sticks one."""
-        if self.is_switching:
-            lost = 2 * (self.mode == HELD) + (self.mode == STICKING)
-            return jnp.max(jnp.sum(lost, axis=1), initial=0)
-        return 2 * jnp.max(jnp.sum(self.held, axis=1), initial=0)
+        if self.mode.dtype == bool:
+            return 2 * jnp.max(jnp.sum(self.mode, axis=1), initial=0)
+        lost = 2 * (self.mode == HELD) + (self.mode == STICKING)
+        return jnp.max(jnp.sum(lost, axis=1), initial=0)
 
 
 def num_erased(sequence: Sequence, num_sliders: int) -> Int[Array, ""]:
@@ -97,6 +106,11 @@ def kinds_of(numbers: MachineNumbers) -> tuple[int, ...]:
 def held_in(mode: Reals) -> Reals:
     """Flags of the stops that hold in a mode of `Sequence`."""
     return mode if mode.dtype == bool else (mode == HELD) | (mode == STICKING)
+
+
+def kept_in(mode: Reals) -> Reals | None:
+    """Flags of the elements that others keep at rest in a mode of `Sequence`; None for rigid contacts, whose load has no mode."""
+    return None if mode.dtype == bool else (mode >= KEPT) & (mode < STICKING)
 
 
 def effective(mode: Reals) -> Reals:
@@ -216,7 +230,7 @@ def _times_by_stop(
     is_tail = is_own & (next_stick - times[:, None] < _TAIL)
     kinds = [(IMPACT, is_own & ~is_tail), (RELEASE, is_own)]
     of_event = sequence.kind
-    if sequence.is_switching:
+    if sequence.num_groups > 1:
         of_event = public_kind_of(sequence.kind)
         kinds += [(kind, is_own & ~is_tail) for kind in (TURN, CLOSE, OPEN)]
         kinds += [(kind, is_own) for kind in (STICK, SLIP)]

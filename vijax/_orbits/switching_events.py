@@ -102,12 +102,13 @@ def end_of_flight(machine: Machine, end: State, gap: Float[Array, " contacts"], 
 def _speeds(machine: Machine, state: State, hold: Held) -> Float[Array, " guards"]:
     """Speeds at which the guards of all elements vanish, zero or rounding those of forces."""
     found, none = [], jnp.zeros_like(state.gap)
-    for first, *others in guards_of(machine):
+    groups = guards_of(machine)
+    for first, *others in groups:
         speeds = none if first.speed is None else first.speed(machine, state, hold)
         for limit in others:
             own = none if limit.speed is None else limit.speed(machine, state, hold)
             # The speed of a rigid contact that holds is rounding; that of friction that sticks would be the belt's.
-            if limit.speed is not None or machine.contacts.is_switching:
+            if limit.speed is not None or len(groups) > 1:
                 speeds = jnp.where(limit.is_active(machine, state), own, speeds)
         found.append(speeds)
     return found[0] if len(found) == 1 else jnp.concatenate(found)

@@ -36,7 +36,7 @@ def sweep_zipped(
     along: str = START,
     quantities: Sequence[str] = (),
 ) -> xr.Dataset:
-    """Run machines from starts, one of each to every point.
+    """Run machine k from start k.
 
     Args:
         system: the machine, its force bound to its arguments, or a family.

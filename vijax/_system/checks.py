@@ -221,7 +221,7 @@ def validate_start(
     if ts.size:
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
-    # A run or an orbit that ends on a stop at 0 has a rounding error of the motion there, which is no size of its own.
+    # The rounding error scales with the motion; the position of a stop at 0, where it may end, gives no scale.
     angle = system.forcing.frequency * t0
     travel = _travel_within_a_radian(system, v0) + abs(x0).max()
     travel = travel + sum(stop.reach(angle) for stop in system.stops if not stop.is_compliant)

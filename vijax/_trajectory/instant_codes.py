@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.transition import Instant, Switches
+from .._machine.kinds import RIGID
 
 # Names of flags, and of numbers of `_BITS` bits: a guard is 0, 1 or 2, and what an element does one of a dozen.
 _FLAGS, _SWITCHES = ("hit", "stuck", "released"), ("closed", "opened", "slipped", "turned")
@@ -27,10 +28,11 @@ def codes_of(instants: Instant) -> Int[Array, "rows contacts"]:
 
 
 def instants_of(
-    codes: Int[Array, "rows contacts"], times: Float[Array, " rows"], *, is_switching: bool
+    codes: Int[Array, "rows contacts"], times: Float[Array, " rows"], kinds: tuple[int, ...]
 ) -> Instant:
-    """Instants of codes and times; what codes leave out is zero."""
-    names = (*_FLAGS, *(_SWITCHES if is_switching else ()))
+    """Instants of codes and times, of elements of some kinds; what codes leave out is zero."""
+    has_switches = not set(kinds) <= {RIGID}
+    names = (*_FLAGS, *(_SWITCHES if has_switches else ()))
     read: dict[str, Array] = {name: (codes >> place) & 1 != 0 for place, name in enumerate(reversed(names))}
     whole = codes >> len(names)
     for place, name in enumerate(reversed(_NUMBERS)):
@@ -38,7 +40,7 @@ def instants_of(
     none: Bool[Array, "rows contacts"] = jnp.zeros(codes.shape, bool)
     unknown = jnp.zeros(codes.shape, times.dtype)
     switched = None
-    if is_switching:
+    if has_switches:
         switched = Switches(**{name: read[name] for name in (*_SWITCHES, *_NUMBERS)}, unlogged=none)
     return Instant(
         **{name: read[name] for name in _FLAGS},

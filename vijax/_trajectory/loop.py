@@ -20,7 +20,7 @@ from .._flow.interface import AbstractFlow, Flight
 from .._hybrid.transition import Instant
 from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
 from .._jax.packing import pack
-from .._jax.xla import AbstractTask, in_one_kernel, not_constant, while_any
+from .._jax.xla import AbstractTask, in_one_kernel, in_parts, not_constant, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State
@@ -245,14 +245,16 @@ def steps_fit_one_kernel(numbers: MachineNumbers, flow: AbstractFlow, most: int)
     return size <= most and flow.fits_one_kernel and numbers.has_arithmetic_force
 
 
-def run_prepared(task: LoopTask, carry: Carry, *, in_kernel: bool) -> tuple[LoopTask, Carry]:
-    """Run a loop after its preparation; the task and the last carry."""
+def run_prepared(
+    task: LoopTask, carry: Carry, *, in_kernel: bool, has_parts: bool = False
+) -> tuple[LoopTask, Carry]:
+    """Run a loop after its preparation, as one kernel or as one for each part of a step; the task and the last carry."""
 
     def loop(pair: tuple[LoopTask, Carry]) -> tuple[LoopTask, Carry]:
         task, carry = pair
         return task, while_any(task, carry)
 
-    run = partial(in_one_kernel, loop) if in_kernel else loop
+    run = partial(in_parts if has_parts else in_one_kernel, loop) if in_kernel else loop
     return run(not_constant((task, carry)) if in_kernel else (task, carry))
 
 

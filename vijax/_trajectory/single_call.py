@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, UNROLLED_ALONE
-from .._jax.xla import AbstractTask, differentiable, in_lanes_of, in_parts, not_constant, while_any
+from .._jax.xla import AbstractTask, differentiable, in_lanes_of, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
@@ -44,10 +44,14 @@ def run_single_call(
     whole = machine, flow, request, choices
     # Without a flow map, derivatives go along with the steps.
     again = {"smooth": _repeat_whole, "smooth_many": _repeat_many} if flow.has_flow_map else {}
-    is_numbers = isinstance(machine, MachineNumbers)
-    has_parts = machine.laws is not None if is_numbers else machine.is_switching
     return differentiable(
-        _run_whole, whole, has_parts=has_parts, many=_run_many, watch=watched, always=_end_of, **again
+        _run_whole,
+        whole,
+        has_parts=machine.is_switching,
+        many=_run_many,
+        watch=watched,
+        always=_end_of,
+        **again,
     )
 
 
@@ -59,13 +63,12 @@ def _run_whole(whole: _Whole) -> Solution:
     machine, flow, request, choices = whole
     numbers = _in_numbers(machine)
     task, carry = prepare_loop(numbers, flow, request, choices)
-    is_arithmetic = steps_fit_one_kernel(numbers, flow, UNROLLED_ALONE)
-    if is_arithmetic and task.machine.contacts.is_switching:
-        # A step with switches of forces is too large for one kernel to compile soon.
-        task, carry = not_constant((task, carry))
-        return finish(task, in_parts(while_any, task, carry), request, choices)
-    # Steps between the knots of a record are many and small.
-    task, last = run_prepared(task, carry, in_kernel=is_arithmetic and task.machine.tables is not None)
+    has_parts = numbers.is_switching
+    # Steps between the knots of a record are many and small; parts of a step that switches forces save its compilation.
+    in_kernel = (has_parts or numbers.tables is not None) and steps_fit_one_kernel(
+        numbers, flow, UNROLLED_ALONE
+    )
+    task, last = run_prepared(task, carry, in_kernel=in_kernel, has_parts=has_parts)
     return finish(task, last, request, choices)
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from .._flow.exact_step import fly, simultaneity_tolerance
 from .._flow.interface import AbstractFlow, Flight
-from .._hybrid import coupled_impacts, diagonal_impacts, switching_resets
+from .._hybrid.resets import resets_of
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar, clip_to_zero, smallest
 from .._jax.xla import as_part, of_parts
@@ -32,7 +32,7 @@ def initial_state(
     t0: Scalar | float = 0.0,
 ) -> State:
     """State of a trajectory before its first step."""
-    law = _resets_of(machine)
+    law = resets_of(machine)
     first = law.first_state(machine, phase, x, v, t0)
     return with_memory(first, flow.memory(first.time))
 
@@ -97,7 +97,7 @@ def outcome(
     machine: Machine, flight: Flight, call: Callable[..., tuple[State, Instant]] = of_parts
 ) -> tuple[State, Instant]:
     """Second half of `advance`: the state after the step, and the transition there; `call` calls the law of impacts."""
-    law = _resets_of(machine)
+    law = resets_of(machine)
     if machine.tables is not None:
         return _outcome_at_knot(machine, flight, law, call)
     after, instant = call(law.resolve, machine, flight.end, flight.is_event)
@@ -115,10 +115,3 @@ def _outcome_at_knot(
     end, jumps = machine.past_knots(flight.end, flight.at_knots)
     after, instant = call(law.resolve, machine, end, flight.is_event, jumps)
     return after, eqx.tree_at(lambda i: i.arrived, instant, flight.at_goal & ~instant.happened)
-
-
-def _resets_of(machine: Machine) -> ModuleType:
-    """Resets of the contacts of a machine: stops alone, contacts that share inertia, or friction and compliant ones too."""
-    if machine.contacts.is_switching:
-        return switching_resets
-    return coupled_impacts if machine.contacts.is_coupled else diagonal_impacts

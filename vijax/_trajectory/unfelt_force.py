@@ -15,6 +15,7 @@ from jaxtyping import Array
 from .._jax.arrays import Reals
 from .._jax.users_line import users_line
 from .._system.force import force_of
+from .._system.hysteresis import ForceBesideSliders
 from .._system.system import ImpactSystem
 
 # Times at which the force is looked at; a pulse as short as this part of the run is found.
@@ -29,8 +30,8 @@ def warn_of_unfelt_force(
     if force is None or system.friction or not _is_unmoved(solution, x, v):
         return
     times = np.linspace(np.asarray(span[0]), np.asarray(span[1]), _TIMES)
-    n = system.num_masses
-    forces = np.asarray(_at_all(force, times, x[:n], v[:n]))
+    force = ForceBesideSliders(force, len(system.hysteresis))
+    forces = np.asarray(_at_all(force, times, x, v))
     acts = np.any(forces != forces[0], axis=1)
     if acts.any():
         warnings.warn(

@@ -10,12 +10,12 @@ from ..behind_event import is_joined
 from ..parameter_family import ExtendedCycle
 from ..point import BranchPoint, corrected
 from ..requests import Requests
-from ..tolerances import APART, APART_NEAR
-from .corner import Corner, Trial
+from ..tolerances import APART, NEAR
+from .corner import Corner, CycleOnWords
 from .following import is_followed_behind, lowest_margin
 
 
-def apart(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
+def apart(corner: Corner, trial: CycleOnWords) -> Requests[BranchPoint | None]:
     """The followed point behind a corner with the letters of a word a given time apart; None if there is none."""
     if not any(trial.words):
         return None
@@ -29,7 +29,7 @@ def apart(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
             continue
         new = BranchPoint.of(sequence, seen, event.arc)
         away = new.place.distance_of_starts(event.place)
-        if not (away < APART_NEAR and lowest_margin(new, corner, trial.words) >= 0):
+        if not (away < NEAR and lowest_margin(new, corner, trial.words) >= 0):
             continue
         followed = yield from is_followed_behind(new, corner.num_periods)
         if followed is None or not (yield from is_joined(event, new)):
@@ -39,7 +39,7 @@ def apart(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
     return None
 
 
-def _moves(corner: Corner, trial: Trial) -> np.ndarray:
+def _moves(corner: Corner, trial: CycleOnWords) -> np.ndarray:
     """By how much each event moves as letters part by 1 in all; one that is alone comes earlier."""
     moves = np.zeros(len(trial.sequence.kind))
     shift = 0

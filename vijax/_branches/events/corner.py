@@ -14,10 +14,10 @@ from ..parameter_family import ExtendedCycle
 from ..point import BranchPoint
 from ..sequence_edits import Word, exchanged, letters_between
 from ..test_functions import TestFunction, tests_of
-from ..tolerances import EVENTS_AT_ONCE, VANISHES_TOGETHER
+from ..tolerances import HALF_DIGITS, LOCATED
 
 
-class Instant(NamedTuple):
+class CornerInstant(NamedTuple):
     """An instant of a corner.
 
     Attributes:
@@ -37,7 +37,7 @@ class Instant(NamedTuple):
     mode: tuple[tuple[int, ...], tuple[int, ...]]
 
 
-class Trial(NamedTuple):
+class CycleOnWords(NamedTuple):
     """The cycle at a corner on other words, one for each instant."""
 
     words: tuple[Word, ...]
@@ -49,15 +49,15 @@ class Corner(NamedTuple):
     """A point of a branch at which margins vanish, its instants in order, and the forcing periods of its cycle."""
 
     event: BranchPoint
-    instants: list[Instant]
+    instants: list[CornerInstant]
     num_periods: float
 
-    def with_words(self, words: tuple[Word, ...]) -> Trial:
+    def with_words(self, words: tuple[Word, ...]) -> CycleOnWords:
         """The cycle on other words."""
         changes = [
             ((at.first, at.last), at.time, word) for at, word in zip(self.instants, words, strict=True)
         ]
-        return Trial(words, *exchanged(self.event.sequence, self.event.place, changes))
+        return CycleOnWords(words, *exchanged(self.event.sequence, self.event.place, changes))
 
 
 def corner_of(event: BranchPoint, test: TestFunction, rounds: int, num_periods: float) -> Corner:
@@ -65,10 +65,10 @@ def corner_of(event: BranchPoint, test: TestFunction, rounds: int, num_periods: 
     when, element = _place_of(test, event)
     instants: list[tuple[float, set[int]]] = [(when, {element})]
     for other in tests_of(event.sequence):
-        if abs(other.of(event.seen)) < VANISHES_TOGETHER * _size_of(other, event):
+        if abs(other.of(event.seen)) < HALF_DIGITS * _size_of(other, event):
             at, own = _place_of(other, event)
             # At another instant only a margin of the same kind counts: the last bounces of a chatter are light as well.
-            if abs(at - when) < EVENTS_AT_ONCE or (other.kind, other.of_flight) == (
+            if abs(at - when) < LOCATED or (other.kind, other.of_flight) == (
                 test.kind,
                 test.of_flight,
             ):
@@ -83,21 +83,21 @@ def corner_of(event: BranchPoint, test: TestFunction, rounds: int, num_periods: 
 def _add(instants: list[tuple[float, set[int]]], time: float, elements: set[int]) -> None:
     """Add elements to the instant at a time, or a new one."""
     for known, own in instants:
-        if abs(known - time) < EVENTS_AT_ONCE:
+        if abs(known - time) < LOCATED:
             own |= elements
             return
     instants.append((time, elements))
 
 
-def _instant(event: BranchPoint, time: float, elements: set[int]) -> Instant:
+def _instant(event: BranchPoint, time: float, elements: set[int]) -> CornerInstant:
     sequence, times = event.sequence, np.cumsum(event.place.flights)
-    at = np.flatnonzero(np.abs(times - time) < EVENTS_AT_ONCE)
+    at = np.flatnonzero(np.abs(times - time) < LOCATED)
     first = int(at[0]) if len(at) else int(np.count_nonzero(times < time))
     last = int(at[-1]) + 1 if len(at) else first
     changed = np.flatnonzero(sequence.mode[first] != sequence.mode[last])
     own = elements | {int(a) for a in (*sequence.stop[first:last], *changed)}
     modes = tuple(map(int, sequence.mode[first])), tuple(map(int, sequence.mode[last]))
-    return Instant(time, first, last, tuple(sorted(own)), letters_between(sequence, first, last), modes)
+    return CornerInstant(time, first, last, tuple(sorted(own)), letters_between(sequence, first, last), modes)
 
 
 def _place_of(test: TestFunction, event: BranchPoint) -> tuple[float, int]:

@@ -15,23 +15,16 @@ from ..._machine.switching import contacts_of_elements, kinds_of_elements
 from ..._orbits.sequence import SECOND, Sequence
 from ..._system.system import machine_of
 from ..behind_event import corrected_on_sequence, step_off
-from ..kernels import padded
 from ..kinds import Kind
+from ..padding import padded
 from ..parameter_family import ParameterFamily
 from ..point import BranchPoint, DirectedBranch, corrected, is_followed
 from ..requests import HostCall, Requests, ask
 from ..sequence_edits import Word
 from ..test_functions import TestFunction, is_plastic, margins, test_slopes
-from ..tolerances import (
-    CORNER_NEAR,
-    CORNER_SOLVED,
-    DOUBLE_ROOT,
-    SAME_CORNER,
-    TRIALS_AHEAD,
-    VANISHES_TOGETHER,
-)
+from ..tolerances import CORNER_NEAR, DOUBLE_ROOT, HALF_DIGITS, NEGLIGIBLE, NO_JUMP, TRIALS_AHEAD
 from .apart import apart
-from .corner import Corner, Instant, Trial, corner_of
+from .corner import Corner, CornerInstant, CycleOnWords, corner_of
 from .following import is_followed_behind, lowest_margin
 from .residuals import ROWS, residuals_of
 from .words import Elements, meaning, words_between
@@ -91,7 +84,7 @@ def _elements(sequence: Sequence) -> Requests[Elements]:
     return (yield from ask(HostCall(of, sequence)))
 
 
-def _acting(at: Instant, elements: Elements) -> tuple[int, ...]:
+def _acting(at: CornerInstant, elements: Elements) -> tuple[int, ...]:
     """Elements of an instant, with friction of their contacts."""
     return tuple(
         i for i, contact in enumerate(elements.contacts) if i in at.elements or contact in at.elements
@@ -119,11 +112,11 @@ def _solved(corner: Corner, choices: Many[Many[Word]]) -> Requests[list[list[Wor
         for word in words
     ]
     left = yield from residuals_of([(trial.sequence, trial.place) for trial in trials])
-    is_solved = iter(left < CORNER_SOLVED)
+    is_solved = iter(left < NEGLIGIBLE)
     return [[word for word in words if next(is_solved)] for words in choices]
 
 
-def _point_on(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
+def _point_on(corner: Corner, trial: CycleOnWords) -> Requests[BranchPoint | None]:
     """The first point behind a corner on some words; None if the machine does not follow them."""
     if [meaning(word) for word in trial.words] == [meaning(at.word) for at in corner.instants]:
         return None
@@ -136,34 +129,34 @@ def _point_on(corner: Corner, trial: Trial) -> Requests[BranchPoint | None]:
     return (yield from apart(corner, trial))
 
 
-def _accepted(corner: Corner, trial: Trial, new: BranchPoint) -> Requests[BranchPoint | None]:
+def _accepted(corner: Corner, trial: CycleOnWords, new: BranchPoint) -> Requests[BranchPoint | None]:
     """A point behind a corner, if its margins are positive and the machine follows it; else None."""
     if lowest_margin(new, corner, trial.words) < 0:
         return None
     return (yield from is_followed_behind(new, corner.num_periods))
 
 
-def _is_at_corner(at: BranchPoint, trial: Trial) -> bool:
+def _is_at_corner(at: BranchPoint, trial: CycleOnWords) -> bool:
     away = max(np.abs(at.place.z - trial.place.z).max(), abs(at.place.p - trial.place.p))
-    return bool(away < SAME_CORNER)
+    return bool(away < NO_JUMP)
 
 
 def _rises(at: BranchPoint) -> bool:
     """True if the margins that vanish at a corner rise along the tangent."""
     (sequence,) = padded(at.sequence, (), len(at.seen.found.speeds))
     values, slopes = margins(sequence, at.seen), test_slopes(sequence, at.seen)
-    own = slopes[np.abs(values) < VANISHES_TOGETHER]
+    own = slopes[np.abs(values) < HALF_DIGITS]
     return not len(own) or bool(own.min() > -own.max())
 
 
-def _new_durations(corner: Corner, trial: Trial) -> list[int]:
+def _new_durations(corner: Corner, trial: CycleOnWords) -> list[int]:
     """Numbers of the flights between the new events of the one instant of a corner."""
     if len(corner.instants) > 1:
         return []
     return [corner.instants[0].first + k for k in range(1, len(trial.words[0]))]
 
 
-def _has_double_root(new: BranchPoint, at: BranchPoint, corner: Corner, trial: Trial) -> bool:
+def _has_double_root(new: BranchPoint, at: BranchPoint, corner: Corner, trial: CycleOnWords) -> bool:
     """True if a duration between new events is still zero a step behind a corner."""
     own = _new_durations(corner, trial)
     return bool(np.any(np.abs(new.place.flights[own]) < DOUBLE_ROOT * (new.arc - at.arc)))

@@ -7,10 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._orbits.cycle import MOMENT, residual
+from ..._orbits.cycle import MOMENT, events_of, residual
 from ..._orbits.sequence import Sequence
-from ..._orbits.switching_events import leading_zeros_of
-from ..kernels import padded, room_for
+from ..padding import padded, room_for
 from ..parameter_family import ExtendedCycle, ParameterFamily
 from ..requests import KernelCall, Requests, ask
 
@@ -31,10 +30,9 @@ def residuals(
         own = Sequence(*events)
         problem = family.problem(own, place.p)
         found = residual(problem, family.unknowns(place._replace(flights=flights)))
-        values = found.events
-        if sequence.is_switching:
-            order = leading_zeros_of(own, problem.machine.contacts.num_sliders)
-            values = values * jnp.maximum(jnp.abs(flights), MOMENT) ** order
+        values, zeros = found.events, events_of(problem).zeros
+        if zeros is not None:
+            values = values * jnp.maximum(jnp.abs(flights), MOMENT) ** zeros
         closing = jnp.max(jnp.abs(found.closing / family.scale))
         return jnp.maximum(closing, jnp.max(jnp.abs(values), initial=0.0))
 

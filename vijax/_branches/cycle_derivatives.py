@@ -1,0 +1,70 @@
+"""Derivatives of the equations of a cycle, of first to third order."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._orbits.cycle import Unknowns, residual
+from .._orbits.sequence import Sequence
+from .kernels import CycleEquations
+from .parameter_family import ExtendedCycle, ParameterFamily
+
+
+def jacobian(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
+) -> Float[Array, "equations unknowns"]:
+    """Scaled Jacobian of all equations by the start and the durations, rows and columns of padding included."""
+    size = len(place.z)
+    problem = family.problem(sequence, place.p)
+
+    def of(y: Array) -> Array:
+        found = residual(problem, Unknowns(y[:size] * family.scale, y[size:]))
+        return jnp.concatenate([found.closing / family.scale, found.events])
+
+    return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
+
+
+def slope(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle
+) -> Float[Array, " equations"]:
+    """Derivative of the equations of `jacobian` along a direction, which may move the parameter."""
+    return _along(_equations_at(family, sequence, place), direction)(place)
+
+
+def curvature(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle, u: ExtendedCycle, v: ExtendedCycle
+) -> Float[Array, " equations"]:
+    """Second derivative of the equations of `jacobian` along two directions, one of which may move the parameter."""
+    return _along(_along(_equations_at(family, sequence, place), u), v)(place)
+
+
+def third_derivative(
+    family: ParameterFamily,
+    sequence: Sequence,
+    place: ExtendedCycle,
+    u: ExtendedCycle,
+    v: ExtendedCycle,
+    w: ExtendedCycle,
+) -> Float[Array, " equations"]:
+    """Third derivative of the equations of `jacobian` along three directions at fixed parameter."""
+    return _along(_along(_along(_equations_at(family, sequence, place), u), v), w)(place)
+
+
+def _equations_at(
+    family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
+) -> Callable[[ExtendedCycle], Array]:
+    """Scaled residuals as a function of the cycle, linear in the parameter about that of a place."""
+    equations = CycleEquations.of(family, sequence, place)
+
+    def at(place: ExtendedCycle) -> Array:
+        found = residual(equations.at(place.p), family.unknowns(place))
+        return jnp.concatenate([found.closing / family.scale, found.events])
+
+    return at
+
+
+def _along(f: Callable[[ExtendedCycle], Array], direction: ExtendedCycle) -> Callable[[ExtendedCycle], Array]:
+    """Derivative of a function along a direction."""
+    return lambda place: jax.jvp(f, (place,), (direction,))[1]
