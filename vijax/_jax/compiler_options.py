@@ -22,6 +22,7 @@ LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split
 OF_PARTS = {**LIGHTLY, _PASSES: f"{FOR_SUMS[_PASSES]},small-while-loop-hoisting"}
 # Options for a loop over lanes.
 FOR_LANES = OF_PARTS | {"xla_cpu_prefer_vector_width": 512}
+FOR_LARGE_LANES = FOR_LANES | {"xla_backend_optimization_level": 1}
 # Options for programs of thousands of operations that run some hundred times for a millisecond. LLVM's passes are most of
 # the compilation, and such programs have few loops that gain by them.
 QUICKLY = {"xla_backend_optimization_level": 0, **LIGHTLY}
