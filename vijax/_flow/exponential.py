@@ -7,15 +7,15 @@ give E, from which I would have to be subtracted.
 """
 
 from functools import partial, reduce
-from math import factorial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from equinox.internal import unvmap_max
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Scalar, add_up, matrix_product, matvec
+from .._jax.arrays import Scalar, append_axes, matrix_product, matvec
 from .._jax.xla import is_any
 from .._machine.contacts import Held
 from .._machine.machine import Machine
@@ -86,12 +86,14 @@ def _begun(
     doublings = jnp.ceil(jnp.log2(jnp.maximum(size, 1))).astype(int)
     a = a * jnp.where(doublings <= _DOUBLINGS, span / 2.0**doublings, jnp.nan)
     square = _product(a, a)
-    powers = a, square, _product(square, a), _product(square, square)
-    blocks = [
-        add_up([power / factorial(first + k) for k, power in enumerate(powers)])
-        for first in range(1, _TERMS, len(powers))
-    ]
-    return doublings, reduce(lambda total, block: block + _product(powers[-1], total), reversed(blocks))
+    powers = jnp.stack([a, square, _product(square, a), _product(square, square)])
+
+    def nest(total: Array, factors: Array) -> tuple[Array, None]:
+        block = jnp.sum(append_axes(factors, powers) * powers, axis=0)
+        return block + _product(powers[-1], total), None
+
+    factors = 1 / np.cumprod(np.arange(1.0, _TERMS + 1)).reshape(-1, len(powers))
+    return doublings, jax.lax.scan(nest, jnp.zeros_like(a), jnp.asarray(factors[::-1], a.dtype))[0]
 
 
 def _doubled(f: Float[Array, "y y ..."], is_on: Bool[Array, "..."]) -> Float[Array, "y y ..."]:

@@ -90,7 +90,7 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     """
     a1, a2, twice_a0 = bound.a1, bound.a2, bound.a0 + bound.a0
     tiny = jnp.finfo(jnp.result_type(a1)).tiny
-    no_fall = lost_fall(jnp.result_type(a1))
+    no_fall, falls = lost_fall(jnp.result_type(a1)), a1 < 0
 
     def within(trial: Scalar) -> tuple[Scalar, Flag, Scalar]:
         """Root of the bound up to a trial, or the trial; whether it has none; and its slope at the root."""
@@ -99,15 +99,15 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
         under_root = a1 * a1 + twice * twice_a0
         root = jnp.sqrt(jnp.abs(under_root))  # not read where it is negative
         # Form of the root without cancellation; one division, as divisions are slow.
-        falls = a1 < 0
         over, under = jnp.where(falls, twice_a0, a1 + root), jnp.where(falls, root - a1, twice)
         never = (under_root < 0) | (~falls & (fall <= no_fall))
         return jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial)), never, root
 
     first, *_ = within(limit)
-    # A bound that rises shows no event before its remainder takes the second coefficient away. One that falls by its
-    # remainder alone shows none: a mass leaving with a jerk would seem to return.
-    rise = jnp.maximum(a2, 0)
+    # A bound that rises shows no event before its remainder takes the second coefficient away; one that falls first may pass
+    # zero closely, which the shorter trial shows. One that falls by its remainder alone shows no event either: a mass leaving
+    # with a jerk would seem to return.
+    rise = jnp.where(falls, 0, jnp.maximum(a2, 0))
     least = rise / jnp.maximum(bound.rest + jnp.sqrt(bound.later * rise), tiny)
     least = jnp.where(8 * bound.rest * short < -a2, short, least)
     # The second step is never shorter than the first: its bound is tighter.

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Reals, Scalar, matrix_product, matvec
+from .._jax.arrays import Reals, Scalar, matrix_product, matvec, with_derivative_of
 from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._system.restitution import Restitution, coefficient, light_coefficient
@@ -60,7 +60,7 @@ def after_loss(v: Float[Array, "n ..."], loss: Float[Array, "n ..."]) -> Float[A
     """
     left = v - loss
     is_zero = jnp.abs(left) <= 16 * float(jnp.finfo(v.dtype).eps) * jnp.abs(v)
-    return jnp.where(is_zero, left - jax.lax.stop_gradient(left), left)
+    return with_derivative_of(jnp.where(is_zero, 0, left), left)
 
 
 class Contacts(eqx.Module):
