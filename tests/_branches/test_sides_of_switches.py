@@ -16,7 +16,7 @@ def test_the_leading_entry_has_the_sign_of_a_vector_whatever_rounds(vector):
             assert np.sign(leading_entry(turned)) * np.sign(turned @ vector) == np.sign(leading_entry(vector))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_machine_written_in_two_ways_doubles_its_period_to_the_same_side():
     starts = []
     for written in (KINDS["harmonic load"].of, KINDS["harmonic load"].twin):

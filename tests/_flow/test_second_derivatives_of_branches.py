@@ -9,7 +9,7 @@ from combinations import Choice
 import vijax as vx
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_second_derivatives_count_that_a_corner_comes_at_another_time():
     load = vx.Harmonic([0.5], 2.2)
     machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, force=Choice(0.5, 0.0))
