@@ -79,7 +79,7 @@ def correct_many(
 
 
 class _Cycles(NamedTuple):
-    """What is given of many cycles, with their numbers of events, and the kernels of a pass, see `_pruned`."""
+    """Arguments of `correct_many`, the numbers of events of the cycles, and the kernels of a pass, see `_pruned`."""
 
     family: ParameterFamily
     sequence: Sequence

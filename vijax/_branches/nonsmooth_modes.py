@@ -33,7 +33,7 @@ from .._system.system import AnySystem, ImpactSystem, machine_of, mass_matrix
 from .branch import branch_of
 from .conservative import energy_of, refuse_losses
 from .follow import follow_branch
-from .linear_modes import _LINEAR, Mode, energy_at, first_touches, linear_modes, touches, touches_several
+from .linear_modes import LinearMode, energy_at, first_touches, linear_modes, touches, touches_several
 from .padding import trimmed
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch, PlainPoint, corrected, is_followed
@@ -44,6 +44,8 @@ from .tolerances import NEGLIGIBLE, ROUNDED, TRIALS_BEYOND_TOUCH
 
 # Room for the events of the first orbit.
 _ROOM = 12
+# Number of points of a linear mode, from rest to its touch.
+_LINEAR = 20
 # Largest energy of a family that is not told one, as a multiple of that of its touch.
 _MOST = 10
 # Columns that no other dataset has.
@@ -133,7 +135,7 @@ def nonsmooth_modes(
 
 
 def _family(
-    system: ImpactSystem, mode: Mode, modes: list[Mode], highest: float, most: int, bar: tqdm
+    system: ImpactSystem, mode: LinearMode, modes: list[LinearMode], highest: float, most: int, bar: tqdm
 ) -> tuple[xr.Dataset, str]:
     """A family, and why it ends."""
     reached = np.sqrt(2 * highest) / mode.frequency
@@ -152,7 +154,7 @@ def _family(
 
 
 def _beyond(
-    system: ImpactSystem, mode: Mode, highest: float, most: int, bar: tqdm
+    system: ImpactSystem, mode: LinearMode, highest: float, most: int, bar: tqdm
 ) -> tuple[xr.Dataset | None, str]:
     """The part of a family beyond its first touch, and why it ends."""
     if touches_several(system, mode):
@@ -195,7 +197,7 @@ def _of_whole(beyond: xr.Dataset, system: ImpactSystem, symmetric: Subspace) -> 
     )
 
 
-def _linear_part(system: ImpactSystem, mode: Mode, modes: list[Mode], last: float) -> xr.Dataset:
+def _linear_part(system: ImpactSystem, mode: LinearMode, modes: list[LinearMode], last: float) -> xr.Dataset:
     """Points of a linear mode up to an amplitude."""
     amplitudes = last * np.sqrt(np.arange(1, _LINEAR + 1) / _LINEAR)
     period, n = 2 * np.pi / mode.frequency, len(mode.shape)
@@ -239,7 +241,7 @@ def _are_on_circle(multipliers: np.ndarray) -> Any:
     return (finite < 1 + NEGLIGIBLE).all(axis=1)
 
 
-def _parameter_family(system: ImpactSystem, mode: Mode) -> ParameterFamily:
+def _parameter_family(system: ImpactSystem, mode: LinearMode) -> ParameterFamily:
     """The machine with a fictitious damper, on the mass that moves most."""
     moved = int(np.argmax(np.abs(mode.shape)))
     unit = 2 * np.pi / mode.frequency
@@ -262,7 +264,9 @@ def _parameter_family(system: ImpactSystem, mode: Mode) -> ParameterFamily:
     )
 
 
-def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: Mode) -> Requests[BranchPoint | None]:
+def _first_beyond(
+    family: ParameterFamily, system: ImpactSystem, mode: LinearMode
+) -> Requests[BranchPoint | None]:
     """The first orbit of a family that hits a stop; None if Newton's method finds none."""
     room = empty_sequence(_ROOM, tuple(kinds_of_elements(system)))
     room = jax.tree.map(np.asarray, room)
@@ -293,7 +297,7 @@ def _first_beyond(family: ParameterFamily, system: ImpactSystem, mode: Mode) -> 
     return None
 
 
-def _other_end(system: ImpactSystem, mode: Mode, sequence: EventSequence) -> int | None:
+def _other_end(system: ImpactSystem, mode: LinearMode, sequence: EventSequence) -> int | None:
     """The stop that a mode touches first at the other end of the swing than the last impact; None if there is none."""
     first = {one.stop: one.is_ahead for one in first_touches(system, mode)}
     last = int(sequence.stop[-1])
@@ -309,7 +313,7 @@ def _impacts_at(sequence: EventSequence, stops: list[int]) -> EventSequence:
 
 
 def _first_flight(
-    system: ImpactSystem, mode: Mode, beyond: float, z: np.ndarray, stop: int | None = None
+    system: ImpactSystem, mode: LinearMode, beyond: float, z: np.ndarray, stop: int | None = None
 ) -> float:
     """Duration of the first flight of a cycle, in periods of the linear mode: from its last event to its first.
 

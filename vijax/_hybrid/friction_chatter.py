@@ -19,12 +19,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.small_matrices import diagonal
 from .._machine.state import State
-from .._machine.switching import COMPLIANT, FRICTION
+from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .friction_limits import sliding_velocity
 from .sticking import chatter_is_complete, is_disturbed, is_light, is_nearly_hit, is_negligible
 from .transition import Instant
@@ -99,6 +100,17 @@ def die_out(
     return jnp.all(~lightest | ((stays | kept) & loses), axis=0) & jnp.any(lightest, axis=0)
 
 
+def chatter_of(machine: Machine, state: State, instant: Instant) -> Chatter:
+    """Bounces of rigid contacts that end at this instant, see `complete_chatter`."""
+    if RIGID not in machine.contacts.laws.kinds:
+        return no_chatter(state)
+    return jax.lax.cond(
+        is_any(instant.hit),
+        lambda: compute_once(complete_chatter, machine, state, instant),
+        lambda: no_chatter(state),
+    )
+
+
 def no_chatter(state: State) -> Chatter:
     """No bounces."""
     none = jnp.zeros_like(state.held)
@@ -164,6 +176,20 @@ def _bounces(machine: Machine, state: State, instant: Instant, bouncing: Array) 
     is_spare = bouncing & contacts.is_redundant(hold) & is_light(speed)
     completed = bouncing & (is_complete | (is_spare & jnp.any(bouncing & is_complete, axis=0)))
     return Chatter(completed, turns, jnp.where(is_spare, 0, duration))
+
+
+def rest_at_limits(
+    machine: Machine, state: State, at_limit: Bool[Array, "contacts ..."]
+) -> tuple[Bool[Array, "contacts ..."], Bool[Array, "contacts ..."]]:
+    """Compliant contacts that come to rest at their limits, and friction that does with them, see `comes_to_rest`."""
+    none = jnp.zeros_like(at_limit)
+    if not {COMPLIANT, FRICTION} <= set(machine.contacts.laws.kinds):
+        return none, none
+    return jax.lax.cond(
+        is_any(at_limit),
+        lambda: compute_once(comes_to_rest, machine, state, at_limit),
+        lambda: (none, none),
+    )
 
 
 def comes_to_rest(

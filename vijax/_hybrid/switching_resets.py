@@ -22,7 +22,7 @@ from .._system.checks import is_touching
 from .coupled_impacts import impact, without_rounding
 from .decision import AtRest, Decision, decide, no_decision
 from .entries import logged
-from .friction_chatter import Chatter, comes_to_rest, complete_chatter, die_out, lightest_bounces, no_chatter
+from .friction_chatter import chatter_of, die_out, lightest_bounces, rest_at_limits
 from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
 from .guards import has_one_guard
@@ -176,8 +176,8 @@ def _switch(
     struck = _Struck(speed, is_struck, stays)
     state, arrives, events, size = _friction_switched(machine, before, state, events, struck, is_now, sticks)
 
-    chatter, lightest = _chatter_of(machine, state, instant), jnp.zeros_like(hit)
-    ends, rubbed = _rest_at_limits(machine, state, at_limit)
+    chatter, lightest = chatter_of(machine, state, instant), jnp.zeros_like(hit)
+    ends, rubbed = rest_at_limits(machine, state, at_limit)
     is_plastic = hit & (instant.velocity_plus == 0)
     # Elements that have left at this very instant, with no speed, are still at rest.
     has_left = (state.contact >= jnp.where(friction, 1, 2)) & ~hit & ~torn & ~is_struck
@@ -215,31 +215,6 @@ def _side_of_bound(events: Zeros, at_bound: Array, friction: Array) -> Int[Array
     """
     side = jnp.where(events.first, -1, jnp.where(events.second, 1, 0))
     return jnp.where(at_bound, jnp.where(friction, -side, side), 0).astype(jnp.int8)
-
-
-def _chatter_of(machine: Machine, state: State, instant: Instant) -> Chatter:
-    """Bounces of rigid contacts that end at this instant, see `complete_chatter`."""
-    if RIGID not in machine.contacts.laws.kinds:
-        return no_chatter(state)
-    return jax.lax.cond(
-        is_any(instant.hit),
-        lambda: compute_once(complete_chatter, machine, state, instant),
-        lambda: no_chatter(state),
-    )
-
-
-def _rest_at_limits(
-    machine: Machine, state: State, at_limit: Bool[Array, "contacts ..."]
-) -> tuple[Bool[Array, "contacts ..."], Bool[Array, "contacts ..."]]:
-    """Compliant contacts that come to rest at their limits, and friction that does with them, see `comes_to_rest`."""
-    none = jnp.zeros_like(at_limit)
-    if not {COMPLIANT, FRICTION} <= set(machine.contacts.laws.kinds):
-        return none, none
-    return jax.lax.cond(
-        is_any(at_limit),
-        lambda: compute_once(comes_to_rest, machine, state, at_limit),
-        lambda: (none, none),
-    )
 
 
 class _Struck(NamedTuple):

@@ -198,7 +198,7 @@ def _speeds(waves: Waves, frequency: Reals, tones: Tones | None) -> np.ndarray:
 
 
 class _Switching(NamedTuple):
-    """What contacts do when they close, and friction, as fields of a scheme."""
+    """Laws of contacts and friction elements, as fields of a scheme."""
 
     words: tuple[str, ...]
     is_compliant: np.ndarray
