@@ -201,16 +201,19 @@ def test_so_it_does_off_rigid_contacts(masses, stops):
         load = vx.Harmonic(-last_alone, w, mean=last_alone)
         system = vx.ImpactSystem(masses, np.zeros((num, num)), np.zeros((num, num)), load, stops)
         sol = vx.simulate(system, 0.0, end, np.zeros(num))
-        return sol.x1, sol.num_steps
+        return sol.x1, sol.num_steps, sol.num_events
 
     lifted = (end**2 / 2 - (1 - np.cos(w * end)) / w**2) / masses[-1]
-    x, steps = last(size)
+    x, steps, num_events = last(size)
     assert steps < 60
+    # Nothing holds them at the start.
+    assert num_events == 0
     np.testing.assert_allclose(x, [0.0] * (num - 1) + [size * lifted], rtol=1e-12, atol=1e-15)
     # Of one trajectory, and of a batch of loads.
     slope = jax.jacfwd(lambda size: last(size)[0])(size)
     np.testing.assert_allclose(slope[-1], lifted, rtol=1e-12)
     sizes = jnp.array([1e-6, 0.3, 50.0])
-    x, steps = jax.vmap(last)(sizes)
+    x, steps, num_events = jax.vmap(last)(sizes)
     assert steps.max() < 60
+    assert num_events.max() == 0
     np.testing.assert_allclose(x[:, -1], sizes * lifted, rtol=1e-12)

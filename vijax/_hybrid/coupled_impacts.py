@@ -312,9 +312,11 @@ def _holding_after_release(
     phase_rate = machine.phase_rate(state.phase)
     opening = -contacts.pull(rates(machine, state, hold).force_rate, hold, phase_rate)
     is_free = (let_go | state.is_kept_closed) & is_asked
-    bearing, _, _ = solve_complementarity(
+    bearing, force_rate, _ = solve_complementarity(
         contacts.compliance_beside(hold), opening, is_free & ~contacts.depend_on(state.held)
     )
+    # The force of a contact that has let go falls by a higher derivative where its rate is zero.
+    bearing = bearing & (~let_go | (force_rate > 0))
     held = held | bearing
     left = jnp.where(contacts.depend_on(held), jnp.int8(KEPT_CLOSED), jnp.int8(3))
     return held, jnp.where(is_free, jnp.where(bearing, jnp.int8(0), left), contact)
