@@ -129,7 +129,7 @@ def test_other_wrong_arguments_are_refused():
         vx.sensitivity(measured_end, BALL, {RESTITUTION: scipy.stats.cauchy(0.5, 0.1)})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_starts_of_samples_have_the_stretches_of_jenkins_elements():
     def sliding(slider):
         load = vx.Harmonic([0.5], 2.2)

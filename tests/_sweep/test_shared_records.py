@@ -72,6 +72,7 @@ def test_records_swept_by_path_are_those_that_every_point_has_alone(monkeypatch)
     assert_same(*both(monkeypatch, shaken(), values))
 
 
+@pytest.mark.thorough
 def test_records_that_are_values_of_a_family_are_shared_beside_another_that_scales_them(monkeypatch):
     def of_record(record, scale, gap=0.5) -> vx.ImpactSystem:
         load = vx.Tabulated(TIMES, scale * record)

@@ -378,7 +378,11 @@ def test_plot_draws_a_machine_with_a_force_and_imports_nothing(files):
 
 
 @pytest.mark.parametrize(
-    "typed", [["sweep", "machine.json", "--out", "more.nc", "--over", "args.k=1"], ["explore", "kept.nc"]]
+    "typed",
+    [
+        ["sweep", "machine.json", "--out", "more.nc", "--over", "args.k=1"],
+        pytest.param(["explore", "kept.nc"], marks=pytest.mark.thorough),
+    ],
 )
 def test_other_commands_import_no_force_unless_it_is_allowed(files, capsys, typed):
     if typed[0] == "explore":

@@ -24,9 +24,12 @@ READ_BACK = 1e-14
 QUESTIONS = 1024
 
 _SHAPES = Counter(machine_shape(name) for name in golden_names())
-# A shape of machine takes seconds to compile: those that serve one or two scenes are left to the thorough tests.
-_MARKS = {1: [pytest.mark.thorough], 2: [pytest.mark.thorough]}
-_SCENES = [pytest.param(name, marks=_MARKS.get(_SHAPES[machine_shape(name)], [])) for name in golden_names()]
+# A shape of machine takes seconds to compile: those that serve few scenes are left to the thorough tests.
+_FEW_SCENES = 4
+_SCENES = [
+    pytest.param(name, marks=[pytest.mark.thorough] if _SHAPES[machine_shape(name)] <= _FEW_SCENES else [])
+    for name in golden_names()
+]
 
 
 @pytest.fixture(scope="module", params=_SCENES)

@@ -16,7 +16,7 @@ def end(values: jax.Array, start: float = 0.0) -> jax.Array:
     return vx.simulate(machine, 0.0, 40.0, x0=jnp.reshape(start, 1)).x1[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_end_under_a_long_record_has_derivatives():
     # Constants of its kernels ended the process.
     values, h = jnp.cos(TIMES)[:, None], 1e-6

@@ -186,7 +186,7 @@ def test_friction_ends_bounces_on_a_cushion_alike_in_small_units():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("has_friction", [False, True])
+@pytest.mark.parametrize("has_friction", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_mass_sticks_to_one_of_two_stops_in_lengths_of_a_millionth(has_friction):
     """Gaps are as small as bounces are light, in those units: the other stop is not near for all that."""
 

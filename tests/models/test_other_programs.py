@@ -112,7 +112,7 @@ def test_a_ball_in_a_plane_between_two_walls():
     np.testing.assert_allclose(sol.x1, [height, 1.62 * (15.0 - 5.0 - 10 / 1.8)], rtol=0, atol=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_column_of_beads_that_falls_in_touch_is_one_bead():
     """Siconos, BeadColumnED_NewtonLaw.cpp, with three beads: radius 5 mm, 7780 kg/m^3, 5 cm above the wall, elastic."""
     radius, density, end = 0.005, 7780.0, 0.5

@@ -77,6 +77,7 @@ def test_grazing_of_a_stop_that_moves_and_of_a_mean_load():
     np.testing.assert_allclose(found, [1.5 / abs(response)], rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_grazing_of_a_contact_between_masses_separates_impacts_from_none():
     stops = [vx.Contact({0: 1.0, 1: -1.0}, 0.4, restitution=0.7)]
     load = vx.Harmonic(amplitude=[0.5, 0.0], frequency=0.6)

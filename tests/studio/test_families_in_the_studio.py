@@ -92,6 +92,7 @@ def test_a_machine_of_a_family_is_drawn():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.thorough
 def test_the_explorer_changes_values_of_a_family():
     pytest.importorskip("holoviews")
     from vijax.studio.explorer.motion import motion_at, scalar_parameters
