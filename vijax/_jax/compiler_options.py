@@ -20,6 +20,7 @@ FOR_SUMS = {
 LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4, **FOR_SUMS}
 # Options for programs in which `in_parts` makes kernels: from JAX 0.12 on XLA would make one of the loop around them.
 OF_PARTS = {**LIGHTLY, _PASSES: f"{FOR_SUMS[_PASSES]},small-while-loop-hoisting"}
+OF_LARGE_PARTS = OF_PARTS | {"xla_backend_optimization_level": 1}
 # Options for a loop over lanes.
 FOR_LANES = OF_PARTS | {"xla_cpu_prefer_vector_width": 512}
 FOR_LARGE_LANES = FOR_LANES | {"xla_backend_optimization_level": 1}

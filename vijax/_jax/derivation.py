@@ -49,6 +49,7 @@ class Functions(NamedTuple):
         watch: takes and returns derivatives of all results, None where not computed, or derivatives by the arguments.
         has_reverse: whether `smooth` is differentiable in reverse too.
         compiled: compiles a function that is not part of a larger program.
+        compiled_many: the same for values of a batch.
     """
 
     values: Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
@@ -59,6 +60,7 @@ class Functions(NamedTuple):
     watch: Callable[[Arrays, bool], Arrays] | None
     has_reverse: bool
     compiled: Callable
+    compiled_many: Callable
 
 
 class Derivation(NamedTuple):
@@ -83,7 +85,7 @@ def values_of(functions: Functions, layers: tuple[BatchAxis, ...]) -> Callable:
         of_all = functions.many(layer)
     else:
         of_all = partial(_in_turn, inside, layer)
-    return Traced(of_all, functions.compiled)
+    return Traced(of_all, functions.compiled_many)
 
 
 def _in_turn(function: Callable, layer: BatchAxis, fixed: Arrays, x: Arrays, *rest: Arrays) -> Any:

@@ -56,6 +56,7 @@ def with_derivatives(
     always: Callable | None = None,
     has_reverse: bool = False,
     compiled: Callable = jax.jit,
+    compiled_many: Callable | None = None,
 ) -> PyTree:
     """Return `function(tree)`, with the derivatives of `smooth`.
 
@@ -75,12 +76,23 @@ def with_derivatives(
         has_reverse: whether `smooth` is differentiable in reverse too. Otherwise the transpose is a product with the
             derivatives along each number.
         compiled: compiles a function that is not part of a larger program.
+        compiled_many: the same for a batch; `compiled` if left out.
     """
     arrays, others = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
     moving, fixed = eqx.partition(arrays, eqx.is_inexact_array)
     (fixed, of_fixed), (x, of_x), (others, of_others) = map(jax.tree.flatten, (fixed, moving, others))
     functions, join = _functions(
-        (function, smooth, many, smooth_many, watch, always, has_reverse, compiled),
+        (
+            function,
+            smooth,
+            many,
+            smooth_many,
+            watch,
+            always,
+            has_reverse,
+            compiled,
+            compiled_many or compiled,
+        ),
         (of_fixed, of_x, of_others),
         tuple(others),
         *(tuple(map(kind, part)) for part in (fixed, x)),
@@ -93,7 +105,7 @@ def with_derivatives(
 @lru_cache(CACHE_SIZE)
 def _functions(given: tuple, structures: tuple, others: tuple, *kinds: tuple) -> tuple[Functions, Callable]:
     """`Functions` of lists of arrays, and a function that rebuilds the tree of results from lists."""
-    function, smooth, many, smooth_many, watch, always, has_reverse, compiled = given
+    function, smooth, many, smooth_many, watch, always, has_reverse, compiled, compiled_many = given
     found: list = []
 
     def tree_of(fixed: Arrays, x: Arrays) -> PyTree:
@@ -143,6 +155,7 @@ def _functions(given: tuple, structures: tuple, others: tuple, *kinds: tuple) ->
         watch=None if watch is None else watched,
         has_reverse=has_reverse,
         compiled=compiled,
+        compiled_many=compiled_many,
     )
     return functions, join
 
@@ -241,6 +254,7 @@ def _of_tangents(derivation: Derivation, sizes: tuple[int, ...]) -> Derivation:
         watch=None,
         has_reverse=functions.has_reverse,
         compiled=functions.compiled,
+        compiled_many=functions.compiled_many,
     )
     layers = tuple(layer._replace(axes=(layer.axes[0], (*layer.axes[1], *[0] * num_dx))) for layer in layers)
     return Derivation(own, layers)

@@ -22,7 +22,16 @@ from jax.core import ShapedArray
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Bool, PyTree
 
-from .compiler_options import FOR_LANES, FOR_LARGE_LANES, FOR_SUMS, LIGHTLY, OF_PARTS, QUICKLY, knows
+from .compiler_options import (
+    FOR_LANES,
+    FOR_LARGE_LANES,
+    FOR_SUMS,
+    LIGHTLY,
+    OF_LARGE_PARTS,
+    OF_PARTS,
+    QUICKLY,
+    knows,
+)
 from .concrete import is_staged, is_traced
 from .jaxprs import without_arguments
 from .plain_derivatives import plainly_differentiable
@@ -344,10 +353,13 @@ def while_any(task: AbstractTask, carry: Any) -> Any:
     return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
 
-def differentiable(function: Callable, tree: Any, *, has_parts: bool = False, **derivatives: Any) -> Any:
+def differentiable(
+    function: Callable, tree: Any, *, has_parts: bool = False, is_large: bool = False, **derivatives: Any
+) -> Any:
     """Return `function(tree)`, with `derivatives` as `with_derivatives` takes them.
 
-    Outside of a larger program it is compiled lightly, see `compile_lightly`; `has_parts` if it calls `in_parts`.
+    Outside of a larger program it is compiled lightly, see `compile_lightly`; `has_parts` if it calls `in_parts`. A batch that
+    `is_large` too takes LLVM's first level: 1.7 times sooner, and it runs 1.1 to 1.2 times longer.
     """
     # NumPy arrays would be compiled into the program.
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
@@ -357,7 +369,8 @@ def differentiable(function: Callable, tree: Any, *, has_parts: bool = False, **
         derivatives = derivatives | {"many": None, "smooth_many": None}
     # The same object in every call, as it is part of what programs are known by.
     compiled = _jit_of_parts if has_parts else jit_lightly
-    return with_derivatives(function, tree, compiled=compiled, **derivatives)
+    many = _jit_of_many_parts if has_parts and is_large else compiled
+    return with_derivatives(function, tree, compiled=compiled, compiled_many=many, **derivatives)
 
 
 def _jit(function: Callable, options: dict, name: Any = None) -> Callable:
@@ -378,6 +391,11 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
 def _jit_of_parts(function: Callable) -> Callable:
     """`jit_lightly` for functions that call `in_parts`."""
     return _jit(function, OF_PARTS)
+
+
+def _jit_of_many_parts(function: Callable) -> Callable:
+    """`_jit_of_parts` for batches of large programs."""
+    return _jit(function, OF_LARGE_PARTS)
 
 
 def jit_quickly(function: Callable, name: Any = None) -> Callable:

@@ -13,6 +13,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, UNROLLED_ALONE
 from .._jax.xla import AbstractTask, differentiable, in_lanes_of, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
+from .._machine.switching import kinds_of_elements
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely
@@ -48,11 +49,19 @@ def run_single_call(
         _run_whole,
         whole,
         has_parts=machine.is_switching,
+        is_large=_has_several_kinds(machine),
         many=_run_many,
         watch=watched,
         always=_end_of,
         **again,
     )
+
+
+def _has_several_kinds(machine: ImpactSystem | MachineNumbers) -> bool:
+    """Whether elements of more than one kind, of which one switches forces, stand in a machine."""
+    if isinstance(machine, ImpactSystem):
+        return len(set(kinds_of_elements(machine))) > 1
+    return machine.laws is not None and len(set(machine.laws.kinds)) > 1
 
 
 def _end_of(solution: Solution) -> tuple:
