@@ -26,6 +26,7 @@ from benchmarks import (
     cluster,
     contacts,
     convergence,
+    duffing,
     families,
     first,
     friction,
@@ -44,7 +45,7 @@ PARTS = {
         single.work_precision, many.sweeps, many.carried_sweeps, many.solver_sweeps, many.work, many.throughput,
         sizes.masses, sizes.stops, first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
         branches.branches, closed_form.closed_form, attractors.exponents, attractors.basins, contacts.contacts,
-        friction.friction_sweeps, friction.friction_precision, convergence.convergence,
+        friction.friction_sweeps, friction.friction_precision, duffing.duffing_sweeps, duffing.duffing_motions, convergence.convergence,
         convergence.batch_cost, families.families, families.records, cluster.executors, accelerator.accelerator,
     )
 }  # fmt: skip

@@ -10,7 +10,7 @@ in benchmarks/cpp.py.
 # pyright: reportMissingImports=false
 
 import multiprocessing
-import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
@@ -21,12 +21,13 @@ LIMIT = 1000
 
 
 class Machine:
-    """The equations of motion of a scene, y = (x, v), and its stops."""
+    """The equations of motion of a scene, y = (x, v), and its stops; with `forces` each mass has a cubic spring."""
 
     def __init__(self, scene: Scene):
         self.n = scene["n"]
         self.mass, self.damping = np.array(scene["M"]), np.array(scene["C"])
         self.stiffness, self.load = np.array(scene["K"]), np.array(scene["A"])
+        self.cubic = np.array([force["numbers"]["k3"] for force in scene.get("forces", ())])
         self.frequency, self.phase = scene["Omega"], np.array(scene["phase"])
         self.stops = [
             (s["mass"], s["position"], 1 if s["side"] == "upper" else -1, s["restitution"])
@@ -39,7 +40,8 @@ class Machine:
         """Time derivative of y."""
         x, v = y[: self.n], y[self.n :]
         load = self.load * np.cos(self.frequency * t + self.phase)
-        return np.concatenate([v, (load - self.damping @ v - self.stiffness @ x) / self.mass])
+        springs = self.stiffness @ x + (self.cubic * x**3 if self.cubic.size else 0.0)
+        return np.concatenate([v, (load - self.damping @ v - springs) / self.mass])
 
 
 def scipy(scene: Scene, tolerance: float) -> Program:
@@ -87,6 +89,8 @@ def heyoka(scene: Scene, tolerance: float, number: type = float) -> Program:
         )
         for k in range(machine.n):
             force -= number(machine.damping[i, k]) * v[k] + number(machine.stiffness[i, k]) * x[k]
+        if machine.cubic.size:
+            force -= number(machine.cubic[i]) * x[i] * x[i] * x[i]
         rates.append(force / number(machine.mass[i]))
 
     class Rebound:
@@ -122,10 +126,35 @@ def heyoka(scene: Scene, tolerance: float, number: type = float) -> Program:
     return Program(run, repeated(run))
 
 
+# State, its rates with the frequency as the parameter, and for each stop its mass, position, direction and restitution.
+Equations = tuple[list, list, list[tuple[int, float, int, float]]]
+
+
+def wagg_bishop(stops: tuple[float, float, float]) -> Equations:
+    """A case of the paper: the positions of both stops and the amplitude of the load."""
+    import heyoka as hy
+
+    x1, x2, v1, v2 = hy.make_vars("x1", "x2", "v1", "v2")
+    load = stops[2] * hy.cos(hy.par[0] * hy.time)
+    a1 = load - 2 * x1 + x2 - 0.1 * (2 * v1 - v2)
+    found = [(i, s, 1 if s > 0 else -1, 0.7) for i, s in enumerate(stops[:2])]
+    return [x1, x2, v1, v2], [v1, v2, a1, x1 - x2 - 0.1 * (v2 - v1)], found
+
+
+def duffing(scene: Scene) -> Equations:
+    """The machine of a scene of one mass with a cubic spring."""
+    import heyoka as hy
+
+    machine, (x, v) = Machine(scene), hy.make_vars("x", "v")
+    force = machine.load[0] * hy.cos(hy.par[0] * hy.time) - machine.damping[0, 0] * v
+    force -= machine.stiffness[0, 0] * x + machine.cubic[0] * x * x * x
+    return [x, v], [v, force / machine.mass[0]], machine.stops
+
+
 def heyoka_sweep(
-    stops: tuple[float, float, float], frequencies: np.ndarray, tolerance: float, cores: int, repeats: int
+    build: Callable[[], Equations], frequencies: np.ndarray, tolerance: float, cores: int, repeats: int
 ) -> list[float]:
-    """Run a sweep of a paper case on all cores, a process on each, its share of the frequencies in turn.
+    """Run a sweep of the paper on all cores, a process on each, its share of the frequencies in turn.
 
     Returns:
         For each repeat the seconds of the slowest process, without its start and its compilation.
@@ -134,41 +163,55 @@ def heyoka_sweep(
 
     with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
         shares = [frequencies[k::cores] for k in range(cores)]
-        jobs = [pool.submit(_heyoka_share, stops, share, tolerance, repeats) for share in shares]
+        jobs = [pool.submit(_heyoka_share, build, share, tolerance, repeats) for share in shares]
         return np.max([job.result() for job in jobs], axis=0).tolist()
 
 
 def _heyoka_share(
-    stops: tuple[float, float, float], frequencies: np.ndarray, tolerance: float, repeats: int
+    build: Callable[[], Equations], frequencies: np.ndarray, tolerance: float, repeats: int
 ) -> list[float]:
-    """Run some frequencies on one core: one compiled integrator, the frequency a parameter of it."""
+    """Seconds of some frequencies on one core."""
+    run = heyoka_points(build, frequencies, TRANSIENT + RECORD, tolerance)
+    return repeated(run)(repeats)
+
+
+def heyoka_points(
+    build: Callable[[], Equations], frequencies: np.ndarray, periods: int, tolerance: float
+) -> Callable[[], int]:
+    """Motions from rest over some forcing periods: one compiled integrator, the frequency a parameter of it.
+
+    Returns:
+        A function that runs them and counts their impacts.
+    """
     import heyoka as hy
 
-    x1, x2, v1, v2 = hy.make_vars("x1", "x2", "v1", "v2")
-    load = stops[2] * hy.cos(hy.par[0] * hy.time)
-    a1 = load - 2 * x1 + x2 - 0.1 * (2 * v1 - v2)
-    rates = [(x1, v1), (x2, v2), (v1, a1), (v2, x1 - x2 - 0.1 * (v2 - v1))]
+    y, rates, stops = build()
+    count = [0]
 
     class Rebound:
-        def __init__(self, i: int):
-            self.i = i
+        def __init__(self, mass: int, restitution: float):
+            self.speed, self.restitution = len(y) // 2 + mass, restitution
 
         def __call__(self, ta, d_sgn):
-            ta.state[2 + self.i] *= -0.7
+            ta.state[self.speed] *= -self.restitution
+            count[0] += 1
             return True
 
-    directions = [hy.event_direction.positive if s > 0 else hy.event_direction.negative for s in stops[:2]]
+    directions = {1: hy.event_direction.positive, -1: hy.event_direction.negative}
     events = [
-        hy.t_event(x - s, callback=Rebound(i), direction=d)
-        for i, (x, s, d) in enumerate(zip((x1, x2), stops, directions, strict=False))
+        hy.t_event(y[mass] - position, callback=Rebound(mass, restitution), direction=directions[sign])
+        for mass, position, sign, restitution in stops
     ]
-    ta = hy.taylor_adaptive(rates, [0.0] * 4, pars=[1.0], t_events=events, tol=tolerance)
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
+    ta = hy.taylor_adaptive(
+        list(zip(y, rates, strict=True)), [0.0] * len(y), pars=[1.0], t_events=events, tol=tolerance
+    )
+
+    def run() -> int:
+        count[0] = 0
         for frequency in frequencies:
             ta.time, ta.state[:], ta.pars[0] = 0.0, 0.0, frequency
             ta.reset_cooldowns()
-            ta.propagate_until((TRANSIENT + RECORD) * 2 * np.pi / frequency)
-        seconds.append(time.perf_counter() - start)
-    return seconds
+            ta.propagate_until(periods * 2 * np.pi / frequency)
+        return count[0]
+
+    return run

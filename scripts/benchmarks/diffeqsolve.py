@@ -80,6 +80,8 @@ def numbers(scene: Scene) -> dict[str, Array]:
         k: getattr(machine, k) for k in ("mass", "damping", "stiffness", "load", "phase")
     }
     stops = np.array([stop[1:] for stop in machine.stops], float).T
+    if machine.cubic.size:
+        found["cubic"] = machine.cubic
     found |= dict(zip(("position", "sign", "restitution"), stops, strict=True))
     return {k: jnp.asarray(v, float) for k, v in (found | {"frequency": machine.frequency}).items()}
 
@@ -90,6 +92,8 @@ def rate(t: Any, y: Array, args: dict[str, Array]) -> Array:
     force = args["load"] * jnp.cos(args["frequency"] * t + args["phase"])
     for matrix, vector in ((args["damping"], v), (args["stiffness"], x)):
         force -= sum(matrix[:, i] * vector[i] for i in range(len(vector)))
+    if "cubic" in args:
+        force -= args["cubic"] * x * x * x
     return jnp.concatenate([v, force / args["mass"]])
 
 

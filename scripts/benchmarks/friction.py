@@ -23,7 +23,7 @@ from . import cpp
 from .many import run_sweep
 from .report import say
 from .scenes import FREQUENCY, GOLDEN, RECORD, TRANSIENT, Scene
-from .timing import repeated, summary, times
+from .timing import cpu_seconds, repeated, summary
 
 FRICTION = cpp.SCALAR.with_name("friction_reference.cpp")
 SCENE = "forced_sticks"
@@ -149,14 +149,6 @@ def scalar_error(program) -> float | None:
     lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     end = next(line.split()[1:] for line in lines if line.startswith("end"))
     return float(np.max(np.abs(np.array(end, float) - np.array([*scene["x1"], *scene["v1"]]))))
-
-
-def cpu_seconds(run: Callable[[], Any], who: int) -> float:
-    """CPU time of a run, of this process or of those that it starts."""
-    before = resource.getrusage(who)
-    times(run, 1)
-    after = resource.getrusage(who)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def _rate(scene: Scene, width: float, library: Any) -> Callable:

@@ -120,7 +120,9 @@ def solver_sweeps(full: bool) -> list[dict]:
 def heyoka_seconds(stops: tuple[float, float, float], frequencies: np.ndarray, full: bool) -> list[float]:
     """Run times of a sweep by heyoka on all cores; by proportion from every fourth frequency if not full."""
     few = frequencies[:: 1 if full else 4]
-    taken = peers.heyoka_sweep(stops, few, HEYOKA_TOLERANCE, num_cores(), 3 if full else 1)
+    taken = peers.heyoka_sweep(
+        partial(peers.wagg_bishop, stops), few, HEYOKA_TOLERANCE, num_cores(), 3 if full else 1
+    )
     return [len(frequencies) / len(few) * seconds for seconds in taken]
 
 

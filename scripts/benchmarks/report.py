@@ -206,6 +206,22 @@ def of_convergence(rows: list[dict]) -> list[tuple[str, str]]:
     ]
 
 
+def of_duffing_sweeps(rows: list[dict]) -> list[tuple[str, str]]:
+    """A sweep of a nonlinear machine beside heyoka and diffrax."""
+    own, *others = rows
+    value = f"{own['min / s']:.2g} s of one core, {size(own['error'])}"
+    value += "".join(f"; {r['method']} {r['of vijax']:.2g} times that, {size(r['error'])}" for r in others)
+    return [("Duffing with a stop, 1000 frequencies, 20 periods", value)]
+
+
+def of_duffing_motions(rows: list[dict]) -> list[tuple[str, str]]:
+    """One trajectory and one orbit of that machine."""
+    return [
+        (f"Duffing with a stop, {r['what']}", f"{1e3 * r['min / s']:.2g} ms, {size(r['error'])}")
+        for r in rows
+    ]
+
+
 def of_closed_form(rows: list[dict]) -> list[tuple[str, str]]:
     """An orbit and a branch of one mass beside SciPy."""
     own, *others = rows
@@ -272,6 +288,8 @@ FACTS = {
     "basins": of_basins,
     "contacts": of_contacts,
     "closed_form": of_closed_form,
+    "duffing_sweeps": of_duffing_sweeps,
+    "duffing_motions": of_duffing_motions,
     "convergence": of_convergence,
     "batch_cost": of_batch_cost,
 }

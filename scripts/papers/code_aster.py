@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 
 import vijax as vx
 
+from . import independent
 from .value import Value
 
 # Gravity of SDND108; share of the motion along the slope of 45 degrees in SDND100.
@@ -118,7 +119,15 @@ def _of_shaking() -> list[Value]:
         t = np.unique([4.0, *turns[(turns > 4) & (turns < 12)], 12.0])
         way = np.abs(np.diff(np.asarray(sol.evaluate(t)[0])[:, 0])).sum()
         found.append(
-            Value("SDND104", f"wear power, A = {amplitude:g}", printed, digit, 10 * way / 8, reason=left_out)
+            Value(
+                "SDND104",
+                f"wear power, A = {amplitude:g}",
+                printed,
+                digit,
+                10 * way / 8,
+                independent.wear_power(amplitude),
+                left_out,
+            )
         )
     return found
 
@@ -126,12 +135,13 @@ def _of_shaking() -> list[Value]:
 def _of_pulling() -> list[Value]:
     sol, rate = pulled(), np.sqrt(1e4 / 5)
     x = np.asarray(sol.evaluate(np.array([0.02, 0.15]))[0])
+    exact = independent.pulled(0.15)
     name, reason = "SDND106", "printed with a speed at the slip rounded to 13.416"
     return [
         Value(name, "mass 1 slips at", 0.03512, 1e-5, float(_times(sol, vx.SLIP)[0]), np.pi / 2 / rate),
         Value(name, "x2(0.02)", 0.11221, 1e-5, float(x[0, 1]), 0.3 * (1 - np.cos(0.02 * rate))),
-        Value(name, "x1(0.15)", 1.35332, 1e-5, float(x[1, 0]), reason=reason),
-        Value(name, "x2(0.15)", 1.80751, 1e-5, float(x[1, 1]), reason=reason),
+        Value(name, "x1(0.15)", 1.35332, 1e-5, float(x[1, 0]), exact[0], reason),
+        Value(name, "x2(0.15)", 1.80751, 1e-5, float(x[1, 1]), exact[1], reason),
     ]
 
 
@@ -143,7 +153,7 @@ def _of_floor() -> list[Value]:
         "SDND108",
         "the printed floor pulls until it is level; here it lets go where its force is zero",
     )
-    damped = floor(5.0)
+    damped, (leaves, end) = floor(5.0), independent.dropped(5.0)
     return [
         Value(
             name, "touches", 0.54031242374329, 1e-14, touched, exact, "the printed last digit is one too high"
@@ -151,9 +161,9 @@ def _of_floor() -> list[Value]:
         Value(name, "leaves", 0.88545615307643, 1e-14, left),
         Value(name, "x(1)", -1.332162981855, 1e-12, float(sol.x1[0])),
         Value(
-            name, "leaves, damping 5", 0.92403882542, 1e-11, float(_times(damped, vx.OPEN)[0]), reason=reason
+            name, "leaves, damping 5", 0.92403882542, 1e-11, float(_times(damped, vx.OPEN)[0]), leaves, reason
         ),
-        Value(name, "x(1), damping 5", -1.88214079833, 1e-11, float(damped.x1[0]), reason=reason),
+        Value(name, "x(1), damping 5", -1.88214079833, 1e-11, float(damped.x1[0]), end, reason),
     ]
 
 

@@ -6,6 +6,7 @@ from scipy.optimize import brentq
 
 import vijax as vx
 
+from . import independent
 from .value import Value
 
 # Damping ratio and restitution.
@@ -69,7 +70,8 @@ def values() -> list[Value]:
             period,
             digit,
             float(coupled_cycle(coupling).period),
-            reason=late,
+            independent.coupled_period(coupling),
+            late,
         )
         for (coupling, period), digit in zip(COUPLED, (1e-5, 1e-7), strict=True)
     ]

@@ -14,7 +14,7 @@ class Value(NamedTuple):
         printed: the number as printed.
         digit: unit of its last digit, of which the number found may differ by a half.
         found: the number found.
-        exact: the number from a closed form; NaN if there is none here.
+        exact: the number from a closed form, or else by the code of `independent`; NaN if there is neither here.
         reason: why a printed number differs by more; empty if it does not.
     """
 
@@ -33,7 +33,7 @@ class Value(NamedTuple):
 
 
 def table_of(values: list[Value]) -> pd.DataFrame:
-    """A row a number: printed, found, their difference, the difference from the closed form, and the reason."""
+    """A row a number: printed, found, their difference, the difference from the closed form or from SciPy, and the reason."""
     rows = [
         {
             "machine": one.machine,

@@ -10,6 +10,8 @@ import pytest
 import xarray as xr
 
 import vijax as vx
+from vijax.plot._colors import lightness_of
+from vijax.plot._legend import add_legend
 
 
 def curves(masses: int = 1) -> xr.Dataset:
@@ -56,3 +58,25 @@ def test_what_cannot_be_drawn_is_told():
         vx.plot.manifolds(xr.Dataset({"x0": ("point", [0.0])}))
     with pytest.raises(ValueError, match="`mass` must lie in 0 to 0, but is 1"):
         vx.plot.manifolds(curves(), mass=1)
+
+
+def test_legends_leave_small_areas_and_each_other_free():
+    ax = plt.subplots(figsize=(9, 5))[1]
+    share = np.zeros((20, 20))
+    share[-3:, -3:] = 1  # a small basin in the upper right corner
+    mesh = ax.pcolormesh(np.linspace(-3, 3, 21), np.linspace(-1, 5, 21), share)
+    ax.plot([], [], "s", label="basin")
+    add_legend(ax)
+    vx.plot.manifolds(curves(), ax=ax)
+    ax.figure.draw_without_rendering()
+    boxes = [one.get_window_extent() for one in ax.get_children() if isinstance(one, mpl.legend.Legend)]
+    assert len(boxes) == 2
+    assert not boxes[0].overlaps(boxes[1])
+    low, high = mesh.get_transform().transform([(2.1, 4.1), (3, 5)])
+    assert not any(box.overlaps(mpl.transforms.Bbox([low, high])) for box in boxes)
+
+
+def test_unstable_manifolds_are_light_on_a_dark_background():
+    with plt.style.context("dark_background"):
+        ax = vx.plot.manifolds(curves())
+        assert 0.7 < lightness_of(ax.lines[0].get_color()) < lightness_of(ax.lines[2].get_color())

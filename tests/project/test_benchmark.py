@@ -1,6 +1,7 @@
 """Errors, failures and operations that the benchmark reports of a program. Nothing here is timed."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -11,7 +12,7 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2] / "scripts"))
 
 import peers
-from benchmarks import convergence, cpp, diffeqsolve, peak, scenes, sizes, timing
+from benchmarks import convergence, cpp, diffeqsolve, duffing, peak, scenes, sizes, timing
 
 pytestmark = pytest.mark.thorough
 
@@ -76,6 +77,18 @@ def test_diffeqsolve_is_right_in_a_light_scene_and_misses_an_impact_that_comes_a
     found = diffeqsolve.by_diffeqsolve(grazing, 1e-7, "Tsit5").outcome()
     assert found.impacts == []
     assert scenes.judge(found, grazing)["outcome"] == "impacts missed or added"
+
+
+def test_programs_beside_vijax_are_right_in_the_nonlinear_scene():
+    scene = duffing.golden()
+    assert scenes.judge(peers.scipy(scene, 1e-12).outcome(), scene)["time error"] < 2 * TIGHT
+    by_events = diffeqsolve.by_diffeqsolve(scene, 1e-12, duffing.SOLVER).outcome()
+    assert scenes.judge(by_events, scene)["time error"] < 1e-9
+    pytest.importorskip("heyoka")
+    assert scenes.judge(peers.heyoka(scene, 1e-15).outcome(), scene)["time error"] < TIGHT
+    points = peers.heyoka_points(partial(peers.duffing, scene), np.array([scene["Omega"]]), 3, 1e-13)
+    until = 3 * 2 * np.pi / scene["Omega"]
+    assert points() == points() == len(scenes.exact_impacts(scene, until))
 
 
 def test_a_stop_far_off_changes_nothing_in_a_scene():

@@ -405,3 +405,22 @@ def test_machines_are_refused_with_what_to_do():
         vx.plot.machine(system, [0.0, np.nan])
     with pytest.raises(ValueError, match='`positive` must be "right", "up" or "down", but is \'left\''):
         vx.plot.machine(system, positive="left")
+
+
+@pytest.mark.parametrize("size", [(8.0, 3.0), (6.5, 2.6)])
+def test_words_shrink_in_small_panels_and_the_machine_does_not_vanish(size):
+    ends = [vx.Contact({i: 1.0, 1 - i: -1.0}, 0.4, restitution=0.6) for i in (1, 0)]
+    bumper = vx.CompliantStop(0, 0.6, "upper", stiffness=50.0, damping=1.0, preload=2.0)
+    rubbing = [vx.Friction(0, force=0.1), vx.Friction({1: 1.0, 0: -1.0}, force=0.02)]
+    spring = np.diag([1.0, 0.0])
+    load = vx.Harmonic([1.0, 0.0], frequency=1.2)
+    machine = vx.ImpactSystem([1.0, 0.2], 0 * spring, spring, load, [*ends, bumper], friction=rubbing)
+    ax = plt.subplots(figsize=size)[1]
+    vx.plot.machine(machine, ax=ax)
+    ax.figure.draw_without_rendering()
+    frame = ax.get_window_extent()
+    widest = max(patch.get_window_extent().width for patch in ax.patches)
+    assert widest > 0.2 * frame.width
+    boxes = [text.get_window_extent() for text in ax.texts if "=" in text.get_text()]
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    assert all(frame.y0 - 1 <= box.y0 and box.y1 <= frame.y1 + 1 for box in boxes)

@@ -58,6 +58,8 @@ def add_legend(
         return
     before = ax.get_legend()
     if is_second and before is not None:
+        if before.get_frame_on() and (found := _best_place(ax, before, _LARGE, _drawn(ax))) is not None:
+            before.set_loc(found[1])  # more is drawn now than when it was placed
         ax.add_artist(before).set_clip_on(False)  # else layouts leave no room for it
     if is_own(ax) and not is_second:
         _add_to_own(ax, markersize, is_covered, options)
@@ -85,7 +87,8 @@ def _add_to_own(ax: Axes, markersize: float | None, is_covered: bool, options: d
 def _add_within(ax: Axes, markersize: float | None, options: dict[str, Any]) -> None:
     """Add a legend inside the axes, in the largest letters with which it covers least.
 
-    Areas that fill the axes do not count: of them letters of any size cover some, and the smallest least.
+    Areas that fill the axes do not count: of them letters of any size cover some, and the smallest least. Of places that are as
+    good it takes the one with the fewest cells of rarer colours, such as a small basin.
     """
     drawn, least, chosen, place = _drawn(ax), np.inf, {}, "upper right"
     for letters, columns in itertools.product(_LETTERS, _COLUMNS):
@@ -142,7 +145,7 @@ def _pad(legend: Legend) -> float:
 
 def _best_place(
     ax: Axes, legend: Legend, largest: tuple[float, float], drawn: np.ndarray
-) -> tuple[int, str] | None:
+) -> tuple[int, Any] | None:
     """Number of points that a legend covers, at the place where it covers least; None if it is too large."""
     box, frame = legend.get_window_extent(), ax.get_window_extent()
     pad = _pad(legend) * figure_of(ax).dpi
@@ -151,13 +154,28 @@ def _best_place(
     if (size > largest).any():
         return None
 
-    def covered(place: str) -> int:
+    def covered(points: np.ndarray, place: str) -> int:
         corner = apart + np.array(_PLACES[place]) * (1 - size - 2 * apart)
-        inside = (drawn > corner - apart / 2) & (drawn < corner + size + apart / 2)
+        inside = (points > corner - apart / 2) & (points < corner + size + apart / 2)
         return int(np.count_nonzero(inside.all(axis=1)))
 
-    best = min(_PLACES, key=covered)
-    return covered(best), best
+    rare = _rare(ax)
+    best = min(_PLACES, key=lambda place: (covered(drawn, place), covered(rare, place)))
+    return covered(drawn, best), best
+
+
+def _rare(ax: Axes) -> np.ndarray:
+    """Middles of the cells of meshes that have not the commonest value, as shares of the axes, (points, 2)."""
+    found = [np.empty((0, 2))]
+    for mesh in (one for one in ax.collections if isinstance(one, QuadMesh)):
+        values = np.ma.filled(np.ma.asarray(mesh.get_array(), float), np.nan).ravel()
+        corners = np.asarray(mesh.get_coordinates())
+        corners = _in_axes(ax, mesh, corners.reshape(-1, 2)).reshape(corners.shape)
+        middles = (corners[1:, 1:] + corners[:-1, :-1]).reshape(-1, 2) / 2
+        known, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+        if len(known) and len(values) == len(middles):
+            found.append(middles[values != known[counts.argmax()]])
+    return np.concatenate(found)
 
 
 def _drawn(ax: Axes, *, counts_meshes: bool = False) -> np.ndarray:
@@ -179,11 +197,20 @@ def _drawn(ax: Axes, *, counts_meshes: bool = False) -> np.ndarray:
         elif not isinstance(one, QuadMesh):  # edges of areas
             found += [_along(_in_axes(ax, one, np.asarray(path.vertices))) for path in one.get_paths()]
         elif counts_meshes:
-            shares = np.linspace(0, 1, round(1 / _STEP))
-            found.append(np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2))
+            found.append(_grid(np.zeros(2), np.ones(2)))
+    for one in ax.artists:  # legends that stay
+        if isinstance(one, Legend):
+            low, high = ax.transAxes.inverted().transform(one.get_window_extent().get_points())
+            found.append(_grid(low, high))
     points = np.concatenate(found)
     points = points[np.isfinite(points).all(axis=1)]
     return np.unique(np.round(points, 3), axis=0)
+
+
+def _grid(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Points that fill a rectangle, (points, 2)."""
+    shares = np.linspace(0, 1, round(1 / _STEP))
+    return low + np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2) * (high - low)
 
 
 def _in_axes(ax: Axes, artist: Artist, points: np.ndarray) -> np.ndarray:

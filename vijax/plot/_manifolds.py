@@ -7,12 +7,12 @@ from matplotlib.axes import Axes
 
 from .._dataset_checks import check_is_dataset
 from ._axes import check_index, create_axes, label_if_new, label_phase_plane
-from ._colors import curve_colors, ink, merge_style, with_lightness
+from ._colors import curve_colors, ink, is_dark, merge_style, with_lightness
 from ._labels import Units
 from ._legend import add_legend
 
-# Lightness of unstable manifolds; stable ones are drawn in ink.
-_LIGHTNESS = 0.5
+# Lightness of unstable manifolds on a light and on a dark background; stable ones are drawn in ink.
+_LIGHTNESS, _LIGHTNESS_ON_DARK = 0.5, 0.8
 
 
 def manifolds(
@@ -62,7 +62,8 @@ def manifolds(
     is_new = ax is None or not ax.has_data()
     ax = create_axes() if ax is None else ax
     limits = ax.get_xlim(), ax.get_ylim()
-    colors = {"unstable": with_lightness(curve_colors(2)[1, :3], _LIGHTNESS), "stable": ink()}
+    lightness = _LIGHTNESS_ON_DARK if is_dark() else _LIGHTNESS
+    colors = {"unstable": with_lightness(curve_colors(2)[1, :3], lightness), "stable": ink()}
     one = curves.isel(mass=mass)
     for k, kind in enumerate(one["kind"].values.tolist()):
         words = label_if_new(ax, f"{kind} manifold")

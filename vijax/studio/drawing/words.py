@@ -10,7 +10,8 @@ from matplotlib.text import Text
 from ...plot._axes import figure_of
 from ...plot._colors import ink
 
-_FONT = 9
+# Letters, which shrink in turn in axes of the user where a length of 1 would have fewer inches than is readable.
+_FONTS, _READABLE = (9, 8, 7, 6, 5), 0.4
 # Inches between words.
 _SPACE = 0.06
 # Least inches per length of 1: in smaller axes the words overlap.
@@ -54,11 +55,11 @@ def write_words(
         Width and height in inches.
     """
     ground = {"facecolor": ax.get_facecolor(), "edgecolor": "none", "pad": 0.5, "alpha": 0.8}
-    common = {"fontsize": _FONT, "color": ink(), "zorder": 5}
-    above = [_block(ax.text(x, 0, text, va="bottom", bbox=ground, **common)) for x, text in words.above]
+    common = {"fontsize": _FONTS[0], "color": ink(), "zorder": 5}
+    above = [_Block(ax.text(x, 0, text, va="bottom", bbox=ground, **common)) for x, text in words.above]
     centred = {"ha": "center", "va": "top", "linespacing": 1.1}
-    below = [_block(ax.text(x, 0, text, **centred, **common)) for x, text in words.below]
-    notes = [_block(ax.text(float(ends[0]), 0, text, va="top", **common)) for text in words.notes]
+    below = [_Block(ax.text(x, 0, text, **centred, **common)) for x, text in words.below]
+    notes = [_Block(ax.text(float(ends[0]), 0, text, va="top", **common)) for text in words.notes]
 
     def arranged(scale: float) -> tuple[float, float, float, float]:
         low = _stack(below, scale, heights[0], up=False)
@@ -69,7 +70,7 @@ def write_words(
         spans = [ends, *(_span(block, scale) for block in [*above, *below, *notes])]
         return float(np.min(spans)), float(np.max(spans)), low - 0.05, high
 
-    return _fit(ax, arranged, scale, fits_axes=fits_axes)
+    return _fit(ax, [*above, *below, *notes], arranged, scale, fits_axes=fits_axes)
 
 
 def write_words_beside(
@@ -94,11 +95,11 @@ def write_words_beside(
     Returns:
         Width and height in inches.
     """
-    common = {"fontsize": _FONT, "color": ink(), "zorder": 5}
+    common = {"fontsize": _FONTS[0], "color": ink(), "zorder": 5}
     beside, lines = {"va": "center", "linespacing": 1.1}, {"ha": "left", "va": "top"}
-    before = [_block(ax.text(sides[0], y, text, ha="right", **beside, **common)) for y, text in words.below]
-    after = [_block(ax.text(sides[1], y, text, ha="left", **beside, **common)) for y, text in words.above]
-    notes = [_block(ax.text(0, 0, text, **lines, **common)) for text in words.notes]
+    before = [_Block(ax.text(sides[0], y, text, ha="right", **beside, **common)) for y, text in words.below]
+    after = [_Block(ax.text(sides[1], y, text, ha="left", **beside, **common)) for y, text in words.above]
+    notes = [_Block(ax.text(0, 0, text, **lines, **common)) for text in words.notes]
     at = [[y for y, _ in part] for part in (words.below, words.above)]
 
     def arranged(scale: float) -> tuple[float, float, float, float]:
@@ -114,35 +115,56 @@ def write_words_beside(
             low -= note.size[1] / scale
         return left, right, low - 0.05, high
 
-    return _fit(ax, arranged, scale, fits_axes=fits_axes)
+    return _fit(ax, [*before, *after, *notes], arranged, scale, fits_axes=fits_axes)
 
 
 def _fit(
     ax: Axes,
+    blocks: Sequence["_Block"],
     arranged: Callable[[float], tuple[float, float, float, float]],
     scale: float,
     *,
     fits_axes: bool,
 ) -> tuple[float, float]:
-    """Arrange the words, at ever smaller scales until all fits, and set the limits of the axes; width and height in inches.
+    """Arrange the words so that all fits, and set the limits of the axes; return width and height in inches.
 
     Args:
         ax: the axes.
+        blocks: all words.
         arranged: puts the words at a scale, and returns the left, right, lower and upper end of all.
         scale: inches per length of 1.
-        fits_axes: whether the axes keep their size, and the scale is reduced to fit.
+        fits_axes: whether the axes keep their size, and the letters and the scale are reduced to fit.
     """
-    room = _inches(ax)
-    while True:
-        left, right, low, high = arranged(scale)
-        fitting = min(room[0] / (right - left), room[1] / (high - low))
-        # Iterated, since words keep their size: the smaller the drawing, the more lines they take.
-        if not fits_axes or fitting >= 0.999 * scale or scale < _SMALLEST:
-            break
-        scale = fitting
+
+    def scale_of(font: int) -> float:
+        for block in blocks:
+            block.text.set_fontsize(font)
+        return _largest_scale(_inches(ax), arranged, scale)
+
+    if fits_axes:
+        scales: dict[int, float] = {}
+        for font in _FONTS:
+            scales[font] = scale_of(font)
+            if scales[font] >= min(_READABLE, scale):
+                break
+        scale = scale_of(max(scales, key=lambda font: scales[font]))
+    left, right, low, high = arranged(scale)
     ax.set_xlim(left, right)
     ax.set_ylim(low, high)
     return scale * (right - left), scale * (high - low)
+
+
+def _largest_scale(
+    room: tuple[float, float], arranged: Callable[[float], tuple[float, float, float, float]], scale: float
+) -> float:
+    """Scale at which all fits into the room, found by ever smaller ones: the smaller the drawing, the more lines words take."""
+    while scale >= _SMALLEST:
+        left, right, low, high = arranged(scale)
+        fitting = min(room[0] / (right - left), room[1] / (high - low))
+        if fitting >= 0.999 * scale:
+            break
+        scale = fitting
+    return scale
 
 
 def _spread(blocks: Sequence["_Block"], wished: Sequence[float], scale: float) -> tuple[float, float]:
@@ -158,15 +180,15 @@ def _spread(blocks: Sequence["_Block"], wished: Sequence[float], scale: float) -
 
 
 class _Block(NamedTuple):
-    """Words, and their width and height in inches, including the space between words."""
+    """Words in letters of some size."""
 
     text: Text
-    size: tuple[float, float]
 
-
-def _block(text: Text) -> _Block:
-    width, height = _inches(text)
-    return _Block(text, (width + _SPACE, height + _SPACE))
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height in inches, including the space between words."""
+        width, height = _inches(self.text)
+        return width + _SPACE, height + _SPACE
 
 
 def _stack(blocks: Sequence[_Block], scale: float, start: float, *, up: bool) -> float:
