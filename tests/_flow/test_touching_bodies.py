@@ -23,7 +23,7 @@ def hanging(mass, restitution=1.0, *, compliant=False) -> vx.ImpactSystem:
         vx.CompliantContact(row, 0.0, 1e3) if compliant else vx.Contact(row, 0.0, restitution) for row in rows
     ]
     nothing = np.zeros((len(mass), len(mass)))
-    return vx.ImpactSystem(mass, nothing, SWING**2 * np.diag(mass), None, stops)
+    return vx.ImpactSystem(mass, nothing, SWING**2 * jnp.diag(jnp.asarray(mass)), None, stops)
 
 
 def swung(mass, lifted: int, restitution: float, t: float) -> tuple[np.ndarray, np.ndarray]:
