@@ -7,7 +7,8 @@ that is done is a line of `tally.jsonl` in the folder: the same command goes on 
 several at once, with other `--first` and `--stride`, share the work. A failure is repeated by
 `--round K`. With `--symmetric` the machines of a round are made symmetric. Half of the rounds, or the share `--degenerate`,
 have machines with coincidences: equal masses, gaps of zero, starts at rest, see `random_machines/degenerate.py`. From round
-10000 on machines may have wave forms, records, parametric stiffness and cubic springs as well, see `random_machines/extras.py`.
+10000 on machines may have wave forms, records, parametric stiffness and cubic springs as well, see `random_machines/extras.py`, from
+round 20000 on they are rows of bodies in touch, with friction and compliant stops, see `random_machines/touching.py`.
 """
 
 import argparse
@@ -28,7 +29,8 @@ from random_machines.motions import check_alone, check_motions
 from random_machines.orbits import check_orbits, settled_orbits
 from random_machines.other_ways import symmetric
 from random_machines.runs import Failure
-from random_machines.shapes import draw_shape
+from random_machines.shapes import Shape, draw_shape
+from random_machines.touching import touching_numbers, touching_shape
 
 # Seed of all rounds.
 SEED = 20261124
@@ -40,8 +42,31 @@ ORBITS = 64
 ALONE = 4
 # First round of machines that may have wave forms, records, parametric and nonlinear forces as well.
 EXTRAS = 10_000
+# First round of rows of bodies in touch, whose motions alone are checked.
+TOUCHING = 20_000
 # Machines of a round that are swept and whose branches are followed, in every fourth round: their programs compile longest.
 FAMILIES = 4
+
+
+def draw(
+    number: int, machines: int, most_masses: int, degenerates: float = 0.5
+) -> tuple[Shape, dict[str, np.ndarray], np.random.Generator, bool]:
+    """Machines of a round, the source of its further random numbers, and whether the machines have coincidences."""
+    rng = np.random.default_rng([SEED, number])
+    if number >= TOUCHING:
+        shape = touching_shape(rng, most_masses)
+        return shape, touching_numbers(rng, shape, machines), rng, True
+    shape = draw_shape(rng, most_masses)
+    numbers = draw_numbers(rng, shape, machines)
+    is_degenerate = bool(rng.random() < degenerates)
+    if is_degenerate:
+        numbers = degenerate(rng, shape, numbers)
+    if number >= EXTRAS:
+        its_rng = np.random.default_rng([SEED, number, EXTRAS])
+        shape, numbers = with_extras(its_rng, shape, numbers)
+        if is_degenerate:
+            numbers = degenerate_extras(its_rng, shape, numbers)
+    return shape, numbers, rng, is_degenerate
 
 
 def play(
@@ -55,27 +80,19 @@ def play(
     degenerates: float = 0.5,
 ) -> dict:
     """One round: what it is, and what failed."""
-    rng = np.random.default_rng([SEED, number])
-    shape = draw_shape(rng, most_masses)
-    numbers = draw_numbers(rng, shape, machines)
-    is_degenerate = bool(rng.random() < degenerates)
-    if is_degenerate:
-        numbers = degenerate(rng, shape, numbers)
-    if number >= EXTRAS:
-        its_rng = np.random.default_rng([SEED, number, EXTRAS])
-        shape, numbers = with_extras(its_rng, shape, numbers)
-        if is_degenerate:
-            numbers = degenerate_extras(its_rng, shape, numbers)
+    shape, numbers, rng, is_degenerate = draw(number, machines, most_masses, degenerates)
     if is_symmetric:
         shape, numbers = symmetric(shape, numbers)
     start = time.process_time()
     failures, compared = check_motions(shape, numbers, rng)
     if number % 4 == 0:
         failures += check_alone(shape, numbers, list(rng.integers(machines, size=ALONE)))
-    orbits = settled_orbits(shape, numbers, list(range(min(machines, ORBITS))))
+    has_orbits = number < TOUCHING
+    orbits = settled_orbits(shape, numbers, list(range(min(machines, ORBITS) if has_orbits else 0)))
     failures += check_orbits(shape, numbers, orbits)
     counts = Counter(orbits=len(orbits))
-    for k in range(min(machines, max(families, sweeps)) if number % 4 == 3 and shape.is_periodic else 0):
+    has_branches = number % 4 == 3 and shape.is_periodic and has_orbits
+    for k in range(min(machines, max(families, sweeps)) if has_branches else 0):
         given, its_rng = own_numbers(numbers, k), np.random.default_rng([SEED, number, k])
         faults, own = check_family(shape, given, its_rng) if k < families else check_sweep(shape, given)
         for name, excess in faults:

@@ -27,6 +27,18 @@ class Hardening(eqx.Module):
         return -self.stiffness * x**3
 
 
+class Walls(eqx.Module):
+    """Linear walls without dampers, each before one mass."""
+
+    rows: Array
+    places: Array
+    stiffness: Array
+
+    def __call__(self, t: Any, x: Array, v: Array, args: object) -> Array:
+        """Force on the masses."""
+        return -self.rows.T @ (self.stiffness * jnp.maximum(self.rows @ x - self.places, 0.0))
+
+
 def with_extras(rng: np.random.Generator, shape: Shape, a: dict) -> tuple[Shape, dict]:
     """The shape with another load and other forces, and their numbers, (count, ...) each."""
     count, n = a["v0"].shape
@@ -86,6 +98,9 @@ def forces_of(shape: Shape, a: dict) -> dict[str, Any]:
     given: dict[str, Any] = {}
     if shape.is_nonlinear:
         given["force"] = Hardening(jnp.asarray(a["cubic"]))
+    if shape.walls:
+        rows = [(1.0 if side == "upper" else -1.0) * np.eye(shape.masses)[i] for i, side in shape.walls]
+        given["force"] = Walls(*map(jnp.asarray, (rows, a["wall"], a["wall_stiffness"])))
     if shape.is_parametric:
         given["parametric"] = vx.Parametric(
             a["swing"][None], frequency=a["frequency"], phase=a["swing_phase"]

@@ -166,6 +166,16 @@ def machine(shape: Shape, a: dict[str, Any]) -> vx.ImpactSystem:
         )
         for j, (i, side) in enumerate(shape.cushions)
     ]
+    stops += [
+        vx.CompliantContact(
+            _coefficients(row),
+            a["buffer"][j],
+            a["buffer_stiffness"][j],
+            a["buffer_damping"][j],
+            a["buffer_preload"][j],
+        )
+        for j, row in enumerate(shape.buffers)
+    ]
     friction = [
         vx.Friction(_coefficients(row), a["friction"][j], a["static"][j], a["belt"][j])
         for j, row in enumerate(shape.pads)

@@ -1,77 +1,43 @@
 """Checks on motions of random machines: laws of mechanics, and the same motion computed in two ways."""
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import vijax as vx
 
-from .laws import ROUNDING, law_faults, momentum_faults
+from .compared import Compared
+from .laws import gaps, law_faults, momentum_faults
 from .machines import machine, own_numbers
-from .other_ways import delayed, doubled, free, in_other_units, mirrored, permuted, with_knot
+from .other_ways import (
+    delayed,
+    doubled,
+    free,
+    in_other_units,
+    mirrored,
+    permuted,
+    reordered,
+    walled,
+    with_knot,
+)
 from .runs import MOST_STEPS, ROOM, SAVED, Failure, Run, code_of, run, start_of_rest
 from .shapes import Shape
 
 # Units are powers of two, up to this one and its inverse: a change of them alters no digit. That of velocities is larger
 # than a smallest one, as bounces below 1e-6 complete a chatter: where that is less than rounding, bounces never end.
 UNITS, FASTEST = 30, 20
-# Units of mass, length and time that alter every digit: where an outcome depends on rounding, motions part at once, from less
-# than `TOGETHER` of their size to more than `APART_AT_ONCE` from one saved state to the next.
-ODD_UNITS, TOGETHER, APART_AT_ONCE = (3.0, 1 / 7, 1 / 3), 1e-11, 1e-4
+# Units of mass, length and time that alter every digit.
+ODD_UNITS = 3.0, 1 / 7, 1 / 3
 # Powers of ten by which units of mass, length, time and velocity change.
 TENS = 6
-# Relative error of Taylor series over a motion.
-OF_SERIES = 1e-9
-# Disturbances by which the growth of errors is measured; motions in which one grows more are compared no further.
-DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
+# Disturbances by which the growth of errors is measured.
+DISTURBANCES = 1e-8, -1e-11
 # Step of differences, and the relative one of two of them below which the motion is smooth.
 DIFFERENCE, SMOOTH = 4e-6, 1e-5
 # Share of the time span that lies between impacts that are not of one chatter.
 APART = 3e-3
 # Size of a motion that has died out: the squares of smaller numbers are zero.
 DEAD = 1e-150
-
-
-class Compared(NamedTuple):
-    """Motions of a batch of machines, and what the same motions computed in another way may differ by.
-
-    Attributes:
-        shape, a: the machines.
-        begin, end: of the motions, (lanes,).
-        whole: the motions.
-        is_sound: whether a motion came to its end, (lanes,).
-        growth: largest growth of disturbances, (lanes,).
-    """
-
-    shape: Shape
-    a: dict
-    begin: np.ndarray
-    end: np.ndarray
-    whole: Run
-    is_sound: np.ndarray
-    growth: np.ndarray
-
-    @property
-    def is_fair(self) -> np.ndarray:
-        """Whether a motion is compared: one that ends and does not magnify errors too much."""
-        return self.is_sound & (self.growth < MOST_GROWTH)
-
-    def faults(self, name: str, xs: np.ndarray, vs: np.ndarray, part: slice = slice(None)) -> list[Failure]:
-        """Motions that differ from states computed in another way, at a part of the saved times."""
-        error = _away(self.whole, xs, vs, part).max(axis=1)
-        rounding = ROUNDING if self.shape.is_linear else OF_SERIES
-        bound = rounding * np.maximum(self.growth, 1)
-        wrong = np.flatnonzero(self.is_fair & ~(error <= bound))
-        return [Failure(name, int(k), float(error[k] / bound[k])) for k in wrong]
-
-
-def _away(whole: Run, xs: np.ndarray, vs: np.ndarray, part: slice = slice(None)) -> np.ndarray:
-    """Distance of states from motions at saved times, relative to the size of the motions, (lanes, times)."""
-    places = np.abs(xs - whole.xs[:, part]).max(axis=2) / (np.abs(whole.xs).max(axis=(1, 2)) + 1e-3)[:, None]
-    speeds = np.abs(vs - whole.vs[:, part]).max(axis=2) / (np.abs(whole.vs).max(axis=(1, 2)) + 1e-3)[:, None]
-    return np.maximum(places, speeds)
 
 
 def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list[Failure], int]:
@@ -87,22 +53,40 @@ def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list
     failures += _cut(own, whole.ts[:, SAVED // 2], "cut")
     failures += _phase(own, rng) + _units(own, rng)
     glass = run(*mirrored(shape, a), begin, end)
-    failures += own.faults("mirror", -glass.xs, -glass.vs)
+    failures += own.faults_of("mirror", glass, -glass.xs, -glass.vs)
     if shape.masses > 1:
         order = rng.permutation(shape.masses)
         other = run(*permuted(shape, a, order), begin, end)
-        failures += own.faults("permutation", other.xs[..., order], other.vs[..., order])
+        failures += own.faults_of("permutation", other, other.xs[..., order], other.vs[..., order])
     if shape.contacts:
         failures += momentum_faults(*free(shape, a), begin, end)
-    if shape.pads or shape.sliders or shape.cushions:
-        twice = run(*doubled(shape, a), begin, end)
-        failures += own.faults("doubled elements", twice.xs, twice.vs)
     at_event = _some_event(own, rng)
     failures += _cut(own, at_event, "cut at an event")
     if shape.load in ("wave", "table") and shape.kind != "cubic":
         knotted = run(shape, with_knot(shape, a, at_event), begin, end)
         failures += own.faults("knot at an event", knotted.xs, knotted.vs)
+    failures += _of_elements(own, rng)
     return failures, int(own.is_fair.sum())
+
+
+def _of_elements(own: Compared, rng: np.random.Generator) -> list[Failure]:
+    """Motions with the elements in another order, with two in place of each, and with walls as forces."""
+    shape, a, given = own.shape, own.a, (own.begin, own.end)
+    failures = []
+    other_shape, other_a, old = reordered(shape, a, rng)
+    if (old != np.arange(len(old))).any():
+        other = run(other_shape, other_a, *given)
+        # Places behind the end of a log are -1.
+        other = other._replace(stop=np.append(old, -1)[other.stop])
+        failures += own.faults_of("order of elements", other, other.xs, other.vs)
+    if shape.pads or shape.sliders or shape.cushions or shape.buffers:
+        twice = run(*doubled(shape, a), *given)
+        failures += own.faults_of("doubled elements", twice, twice.xs, twice.vs, events="none")
+    if shape.cushions and not (a["cushion_damping"].any() or a["preload"].any() or shape.is_nonlinear):
+        as_force = walled(shape, a)
+        other = run(*as_force, *given)
+        failures += own._replace(shape=as_force[0]).faults("walls as forces", other.xs, other.vs)
+    return failures
 
 
 def _some_event(own: Compared, rng: np.random.Generator) -> np.ndarray:
@@ -134,32 +118,26 @@ def _units(own: Compared, rng: np.random.Generator) -> list[Failure]:
     """Motions in other units: by powers of two, which alter no digit, by thirds and by powers of ten, which alter all."""
     units = rng.integers(-UNITS, UNITS + 1, (3, len(own.begin)))
     two = 2.0 ** np.stack([*units[:2], np.maximum(units[2], units[1] - FASTEST)])
-    failures = own.faults("units", *_in_units(own, two)[1:])
+    other = _in_units(own, two)
+    failures = own.faults("units", other.xs, other.vs)
     tens = rng.integers(-TENS, TENS + 1, (3, len(own.begin)))
     ten = 10.0 ** np.stack([*tens[:2], np.maximum(tens[2], tens[1] - TENS)])
-    for name, other in (("thirds", np.outer(ODD_UNITS, np.ones(len(own.begin)))), ("tens", ten)):
-        result, xs, vs = _in_units(own, other)
-        failures += own.faults(name, xs, vs) + _rounding_decides(own, result, _away(own.whole, xs, vs))
+    for name, units in (("thirds", np.outer(ODD_UNITS, np.ones(len(own.begin)))), ("tens", ten)):
+        other = _in_units(own, units)
+        events = "heavy" if name == "thirds" else "none"
+        failures += own.faults_of(name, other, other.xs, other.vs, events=events)
     return failures
 
 
-def _in_units(own: Compared, units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Results and states of the motions computed in other units of mass, length and time, (3, lanes)."""
+def _in_units(own: Compared, units: np.ndarray) -> Run:
+    """The motions computed in other units of mass, length and time, (3, lanes), with states in those of before."""
     mass, length, time = units
     a = in_other_units(own.shape, own.a, mass, length, time)
     # Steps of a stiff machine differ by some in a hundred: those that just end within the bound end in any unit.
     other = run(own.shape, a, own.begin * time, own.end * time, most_steps=2 * MOST_STEPS)
-    return other.result, other.xs / length[:, None, None], other.vs * (time / length)[:, None, None]
-
-
-def _rounding_decides(own: Compared, result: np.ndarray, away: np.ndarray) -> list[Failure]:
-    """Motions that part from themselves at once in units that alter every digit: the outcome of an event depended on rounding."""
-    before = np.concatenate([np.zeros((len(away), 1)), away[:, :-1]], axis=1)
-    parts = ((away > APART_AT_ONCE) & (np.maximum.accumulate(before, axis=1) < TOGETHER)).any(axis=1)
-    # In units in which velocities are large more bounces of a chatter are logged: their log may be full.
-    ends_alike = (result == own.whole.result) | (result == code_of("max_events_reached"))
-    wrong = np.flatnonzero(own.is_sound & (parts | ~ends_alike))
-    return [Failure("rounding decides", int(k), float(np.nanmax(away[k]) / APART_AT_ONCE)) for k in wrong]
+    unit = (length / time)[:, None]
+    xs, vs = other.xs / length[:, None, None], other.vs / unit[..., None]
+    return other._replace(xs=xs, vs=vs, before=other.before / unit)
 
 
 def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
@@ -184,12 +162,19 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
         size = float(jnp.abs(forward).max()) + 1e-2  # of what was of size 1 on its way here
         if not abs(pair[0] - pair[1]) <= 1e-9 * size:
             failures.append(Failure("forward and reverse", k, abs(pair[0] - pair[1]) / (1e-9 * size)))
+        if gaps(shape, _one(a, k), np.zeros((1, 1)), own["x0"][None, None]).min() < DIFFERENCE:
+            continue  # and a difference begins where bodies overlap
         coarse, fine = (_difference(last, start, way, step) for step in (DIFFERENCE, DIFFERENCE / 4))
         spread, lack = np.abs(coarse - fine).max(), np.abs(fine - np.asarray(forward)).max()
         # Beside an impact without speed, or where the order of events changes, differences say nothing.
         if spread <= SMOOTH * size and not lack <= 10 * SMOOTH * size:
             failures.append(Failure("derivative and difference", k, lack / (10 * SMOOTH * size)))
     return failures
+
+
+def _one(a: dict, lane: int) -> dict:
+    """One machine as a batch."""
+    return {name: value[lane : lane + 1] for name, value in a.items()}
 
 
 def _difference(function, start, way, step: float) -> np.ndarray:
@@ -244,11 +229,14 @@ def _growth(shape: Shape, a: dict, whole: Run, begin, end, is_sound: np.ndarray)
     without load is as stable as any if all of it is scaled.
     """
     growth, shares = np.zeros(len(begin)), np.cos(1.0 + 3.0 * np.arange(shape.masses))
+    # From rest the disturbed forces alone move the masses.
+    is_still, fastest = (a["v0"] == 0).all(axis=1), np.nanmax(np.abs(whole.vs), axis=(1, 2))
     for disturbance in DISTURBANCES:
         factor = 1 + disturbance
-        disturbed = {**a, "stiffness": a["stiffness"] * factor, "amplitude": a["amplitude"] / factor}
+        disturbed = {**a, "stiffness": a["stiffness"] * factor}
+        disturbed |= {name: a[name] / factor for name in ("amplitude", "mean")}
         near = run(shape, disturbed, begin, end, None, a["v0"] * (1 + disturbance * shares))
-        size = abs(disturbance) * (np.abs(a["v0"]).max(axis=1) + 1e-300)
+        size = abs(disturbance) * (np.where(is_still, fastest, np.abs(a["v0"]).max(axis=1)) + 1e-300)
         away = np.maximum(
             np.abs(near.xs - whole.xs).max(axis=(1, 2)), np.abs(near.vs - whole.vs).max(axis=(1, 2))
         )

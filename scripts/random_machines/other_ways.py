@@ -13,9 +13,10 @@ def mirrored(shape: Shape, a: dict) -> tuple[Shape, dict]:
     other: dict[Side, Side] = {"lower": "upper", "upper": "lower"}
     stops = tuple((i, other[side]) for i, side in shape.stops)
     cushions = tuple((i, other[side]) for i, side in shape.cushions)
-    contacts = tuple(row[::-1] for row in shape.contacts)
+    contacts, buffers = (tuple(row[::-1] for row in rows) for rows in (shape.contacts, shape.buffers))
     signs = {name: -a[name] for name in _SIGNED if name in a}
-    return shape._replace(stops=stops, cushions=cushions, contacts=contacts), {**a, **signs}
+    other_shape = shape._replace(stops=stops, cushions=cushions, contacts=contacts, buffers=buffers)
+    return other_shape, {**a, **signs}
 
 
 def symmetric(shape: Shape, a: dict) -> tuple[Shape, dict]:
@@ -72,6 +73,10 @@ def in_other_units(shape: Shape, a: dict, mass: np.ndarray, length: np.ndarray, 
         "cushion_stiffness": mass / time**2,
         "cushion_damping": mass / time,
         "preload": force,
+        "buffer": length,
+        "buffer_stiffness": mass / time**2,
+        "buffer_damping": mass / time,
+        "buffer_preload": force,
         "friction": force,
         "static": force,
         "belt": length / time,
@@ -120,6 +125,7 @@ def permuted(shape: Shape, a: dict, order: np.ndarray) -> tuple[Shape, dict]:
         stops=tuple((int(order[i]), side) for i, side in shape.stops),
         cushions=tuple((int(order[i]), side) for i, side in shape.cushions),
         contacts=rows(shape.contacts),
+        buffers=rows(shape.buffers),
         pads=rows(shape.pads),
         rubs=tuple((rows((row,))[0], contact) for row, contact in shape.rubs),
         sliders=rows(shape.sliders),
@@ -170,15 +176,53 @@ def delayed(shape: Shape, a: dict, shift: np.ndarray) -> dict:
 
 
 def doubled(shape: Shape, a: dict) -> tuple[Shape, dict]:
-    """The machine with two elements of half the strength side by side for each pad, slider and cushion that no friction is tied to."""
+    """The machine with two elements of half the strength side by side for each pad, slider, cushion and buffer that no friction is tied to."""
     halves = {
         "friction": 0.5, "static": 0.5, "belt": 1.0, "slider_stiffness": 0.5, "slider_limit": 0.5
     }  # fmt: skip
     if not shape.rubs:
         halves |= {"cushion": 1.0, "cushion_stiffness": 0.5, "cushion_damping": 0.5, "preload": 0.5}
-        shape = shape._replace(cushions=shape.cushions * 2)
+        shape = shape._replace(cushions=shape.cushions * 2, buffers=shape.buffers * 2)
+    if shape.buffers:
+        halves |= {
+            "buffer": 1.0, "buffer_stiffness": 0.5, "buffer_damping": 0.5, "buffer_preload": 0.5
+        }  # fmt: skip
     numbers = {name: np.tile(share * a[name], 2) for name, share in halves.items()}
     return shape._replace(pads=shape.pads * 2, sliders=shape.sliders * 2), {**a, **numbers}
+
+
+# Kinds of elements in the order of their numbers in a log, and the numbers of each.
+_ELEMENTS = {
+    "stops": ("position", "restitution"),
+    "contacts": ("distance", "contact_restitution"),
+    "cushions": ("cushion", "cushion_stiffness", "cushion_damping", "preload"),
+    "buffers": ("buffer", "buffer_stiffness", "buffer_damping", "buffer_preload"),
+    "pads": ("friction", "static", "belt"),
+    "rubs": ("coefficient",),
+    "sliders": ("slider_stiffness", "slider_limit"),
+}
+
+
+def reordered(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[Shape, dict, np.ndarray]:
+    """The machine with its elements listed in another order, and the old number of each in a log."""
+    numbers, kinds, old = dict(a), {}, np.empty(0, int)
+    for kind, names in _ELEMENTS.items():
+        given = getattr(shape, kind)
+        order = rng.permutation(len(given))
+        if kind == "stops" and shape.is_moving:  # the first is the one that moves
+            order = np.sort(order)
+        kinds[kind] = tuple(given[k] for k in order)
+        numbers |= {name: a[name][:, order] for name in names if name in a}
+        old = np.append(old, len(old) + order)
+    kinds["rubs"] = tuple((row, int(np.flatnonzero(old == contact)[0])) for row, contact in kinds["rubs"])
+    return shape._replace(**kinds), numbers, old
+
+
+def walled(shape: Shape, a: dict) -> tuple[Shape, dict]:
+    """The machine whose compliant stops, without dampers and preloads, are given as a force."""
+    walls = {"wall": a["cushion"], "wall_stiffness": a["cushion_stiffness"]}
+    none = {name: a[name][:, :0] for name in _ELEMENTS["cushions"]}
+    return shape._replace(cushions=(), walls=shape.cushions), {**a, **walls, **none}
 
 
 def with_knot(shape: Shape, a: dict, at: np.ndarray) -> dict:

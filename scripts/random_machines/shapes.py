@@ -29,6 +29,8 @@ class Shape(NamedTuple):
         kind: of the wave form or record.
         is_parametric: whether the stiffness changes in time.
         is_nonlinear: whether there are cubic springs.
+        buffers: masses of each compliant contact.
+        walls: mass and side of each compliant stop that is given as a force.
     """
 
     masses: int
@@ -47,11 +49,13 @@ class Shape(NamedTuple):
     kind: str = "linear"
     is_parametric: bool = False
     is_nonlinear: bool = False
+    buffers: tuple[Row, ...] = ()
+    walls: tuple[tuple[int, Side], ...] = ()
 
     @property
     def is_switching(self) -> bool:
         """Whether forces switch: friction, Jenkins elements or compliant stops."""
-        return bool(self.cushions or self.pads or self.rubs or self.sliders)
+        return bool(self.cushions or self.buffers or self.pads or self.rubs or self.sliders)
 
     @property
     def is_periodic(self) -> bool:
@@ -61,7 +65,7 @@ class Shape(NamedTuple):
     @property
     def is_linear(self) -> bool:
         """Whether the motion is exact between events, no Taylor series."""
-        return not (self.is_parametric or self.is_nonlinear)
+        return not (self.is_parametric or self.is_nonlinear or self.walls)
 
     @property
     def is_rigid(self) -> bool:

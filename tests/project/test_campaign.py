@@ -27,6 +27,13 @@ def test_a_few_random_machines_obey_all_checks(families, is_symmetric):
     assert line["failures"] == []
 
 
+@pytest.mark.slow
+def test_a_few_rows_of_bodies_in_touch_obey_all_checks():
+    line = campaign.play(campaign.TOUCHING + 6, machines=12, most_masses=3)
+    assert line["compared"] > 3
+    assert line["failures"] == []
+
+
 def test_what_is_done_is_not_played_again(tmp_path, monkeypatch, capsys):
     played = []
 
