@@ -63,6 +63,7 @@ def _with_turns_in_impact(
 def _refuse_other_changes(start: Start, sequence: Sequence, k: int) -> None:
     """Raise an error if impact `k` is with a compliant stop, or does more to friction than turn it."""
     machine = known_machine(machine_of(start.system), start.args).in_numpy
+    assert machine.laws is not None
     kinds, rows, mass = np.array(machine.laws.kinds), machine.rows, machine.mass
     touched, before, behind = int(sequence.stop[k]), sequence.mode[k], sequence.mode[k + 1]
     if kinds[touched] == COMPLIANT:
