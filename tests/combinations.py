@@ -94,7 +94,7 @@ def rubbing(frequency, position, friction, stiffness=1.0, force=None):
 def triangle(frequency, knots):
     """A triangular wave with its corners and other knots between them."""
     phases = np.linspace(0, 2 * np.pi, knots + 1)[:-1]
-    values = np.interp(phases, np.linspace(0, 2 * np.pi, 5), [0.1, 0.0, -0.1, 0.0, 0.1])
+    values = np.interp(phases, np.linspace(0, 2 * np.pi, 5), [0.02, 0.0, -0.02, 0.0, 0.02])
     return vx.Waveform(phases, values[:, None], frequency, "linear")
 
 
@@ -110,7 +110,7 @@ def hung(w, s):
 
 def mixed(w, s):
     """A moving base, a force, two Jenkins elements side by side and a parametric term."""
-    load = vx.base_excitation([1.0], acceleration=vx.Harmonic([-LOAD], w))
+    load = vx.base_excitation([1.0], LOAD / w**2, w)
     slips = [vx.Jenkins(0, 0.025, 0.00125)] * 2
     term = vx.Parametric([[[0.05]]])
     return machine(w, s, load, 0.65, force=Spring(jnp.asarray([0.3])), hysteresis=slips, parametric=term)
@@ -153,9 +153,7 @@ KINDS = {
         lambda w, s: machine(w, s, vx.Harmonic([LOAD], w) + triangle(w, 4)),
         lambda w, s: machine(w, s, vx.Harmonic([LOAD], w) + triangle(w, 8)),
     ),
-    "moving base": Kind(
-        lambda w, s: machine(w, s, vx.base_excitation([1.0], acceleration=vx.Harmonic([-LOAD], w))), machine
-    ),
+    "moving base": Kind(lambda w, s: machine(w, s, vx.base_excitation([1.0], LOAD / w**2, w)), machine),
     "force": Kind(hung, machine),
     "force with a choice": Kind(
         lambda w, s: machine(w, s, force=Choice(0.5, 0.0)),

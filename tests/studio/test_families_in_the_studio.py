@@ -146,3 +146,13 @@ def test_the_branch_of_a_family_with_moving_stops_is_drawn():
     drawn = np.concatenate([line.get_xydata() for line in ax.lines if np.size(line.get_xdata()) > 3])
     near = drawn[np.nanargmin(abs(drawn[:, 0] - branch.values[k]))]
     assert near[1] == pytest.approx(float(hit.velocity_minus[0]), rel=1e-6)
+
+
+def test_the_machine_of_a_family_in_a_file_is_drawn_where_its_function_may_be_called(tmp_path, capsys):
+    machine, picture = tmp_path / "rotor.toml", tmp_path / "rotor.png"
+    vx.save(vx.Family(rotor, frequency=0.8), machine)
+    typed = ["plot", str(machine), "--out", str(picture)]
+    assert main(typed) == 2
+    assert "unless its function is called, which `allow_forces=`" in capsys.readouterr().err
+    assert main([*typed, "--allow-forces", "families"]) == 0
+    assert picture.stat().st_size > 10_000

@@ -216,8 +216,8 @@ class Bifurcation:
         `vx.GrazingForm`. The first call compiles them.
 
         Raises:
-            ValueError: for another kind, for a grazing of a machine with friction or compliant stops or of several impacts at once,
-                or if 64-bit numbers are off.
+            ValueError: for another kind, for a grazing of several impacts at once, or of one that stops friction or tears it off
+                however light it is, or if 64-bit numbers are off.
 
         References:
             Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 5.4.

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
 from .closing import repetitions_of
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, correct_with_free_parameter, first_followed
 from .requests import Requests
-from .sequence_edits import in_a_row, with_event, without_event
+from .sequence_edits import Letter, Word, exchanged, in_a_row, letters_between
+from .touch import turns_beside
 
 # Largest number of rounds.
 _MOST = 3
@@ -29,34 +29,38 @@ class Touch(NamedTuple):
         sequence: events of the cycle, without the touch.
         place: the cycle.
         num_periods: n.
-        stop: the touched stop.
         flight: number of the flight with the touch.
         time: time of the touch, in forcing periods.
+        impact: the touch as an impact of zero speed.
+        without: the events at that time where there is no impact: those of friction that turns.
     """
 
     sequence: Sequence
     place: ExtendedCycle
     num_periods: int
-    stop: int
     flight: int
     time: float
+    impact: Letter
+    without: Word
 
     def as_impact(self) -> tuple[Sequence, ExtendedCycle]:
         """The cycle with the touch as an impact of zero speed."""
-        return with_event(self.sequence, self.place, IMPACT, self.stop, self.flight, self.time)
+        replaced = self.flight, self.flight + len(self.without)
+        return exchanged(self.sequence, self.place, [(replaced, self.time, (self.impact,))])
 
 
 def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int) -> Requests[Touch]:
     """The touch at impact `k` of zero speed, on the shortest cycle that the given one traverses."""
-    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
-    sequence, place = without_event(sequence, place, k)
+    (impact,), without = letters_between(sequence, k, k + 1), turns_beside(sequence, k)
+    time = float(place.flights[: k + 1].sum())
+    sequence, place = exchanged(sequence, place, [((k, k + 1), time, without)])
     rounds = yield from repetitions_of(sequence, place, num_periods)
     num = len(sequence.kind) // rounds
     sequence = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     place, num_periods = place._replace(flights=place.flights[:num]), num_periods // rounds
     time %= num_periods
-    flight = int(np.count_nonzero(np.cumsum(place.flights) < time))
-    return Touch(sequence, place, num_periods, stop, flight, time)
+    flight = k % num if without else int(np.count_nonzero(np.cumsum(place.flights) < time))
+    return Touch(sequence, place, num_periods, flight, time, impact, without)
 
 
 def hits_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation
 from .cycle_derivatives import curvature, jacobian, slope
 from .kinds import Kind
@@ -24,6 +23,7 @@ from .parameter_family import ExtendedCycle, ParameterFamily
 from .requests import KernelCall, Requests, ask
 from .scheduler import drive
 from .tolerances import NEGLIGIBLE
+from .touch import touching_impact
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +58,7 @@ class GrazingForm:
 
 def grazing_form_of(point: Bifurcation) -> GrazingForm:
     """Normal form of a grazing, see `Bifurcation.normal_form`."""
-    if "mode" in point.branch.points:
-        raise ValueError(
-            "The square root of a grazing is found for machines with rigid contacts alone: friction and compliant stops change it."
-        )
-    _, family, sequence, place = family_at(point, point.value - 1, point.value + 1)
-    sequence, place, k, _ = with_bifurcation_event(family, Kind.GRAZING, sequence, place)
+    _, family, sequence, place, k = touching_impact(point)
     (found,) = drive([family], [_grazing_form(family, sequence, place, k)], lambda: None)
     return found
 

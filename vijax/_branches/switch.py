@@ -6,7 +6,7 @@ from .._jax.arrays import check_type, refuse_single_precision
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
-from .bifurcation_setup import family_at, with_bifurcation_event
+from .bifurcation_setup import family_at
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
 from .kinds import Kind
@@ -18,6 +18,7 @@ from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
 from .tolerances import TRIALS_ON_OTHER
+from .touch import touching_impact
 
 
 @padding_allowed
@@ -37,8 +38,8 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         The orbits, from which `vx.continuation` continues; none where there are no other branches.
 
     Raises:
-        ValueError: for a Neimark-Sacker point, where no periodic orbit branches off, for a grazing of a machine with friction
-            or compliant stops, or if 64-bit numbers are off.
+        ValueError: for a Neimark-Sacker point, where no periodic orbit branches off, for a grazing of a compliant
+            stop, or of one whose lightest impact stops friction or tears it off, or if 64-bit numbers are off.
 
     Example:
         ```python
@@ -60,11 +61,6 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
             "A torus leaves at a Neimark-Sacker point, no periodic orbit: run `vx.simulate` beside it."
         )
     if point.kind == Kind.GRAZING:
-        if "mode" in point.branch.points:
-            raise ValueError(
-                "The orbits that leave a grazing are found for machines with rigid contacts alone: in a machine with friction, "
-                "Jenkins elements or compliant stops search beside it by `vx.find_periodic_orbits`."
-            )
         return _at_grazing(point)
     if point.kind not in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT, Kind.PITCHFORK):
         return []
@@ -113,8 +109,7 @@ def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> Requests[Bran
 def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     """Orbits on the families that leave a grazing."""
     path, value = point.branch.path, point.value
-    start, family, sequence, place = family_at(point, value - 1, value + 1)
-    sequence, place, k, _ = with_bifurcation_event(family, Kind.GRAZING, sequence, place)
+    start, family, sequence, place, k = touching_impact(point)
     (touch,) = drive([family], [touch_of(sequence, place, k, start.num_periods)], lambda: None)
     orbits = []
     for is_hit in hits_of(touch, start.num_periods):

@@ -42,7 +42,7 @@ def after_impacts(
         machine: lanes last.
         angle: the phase of the load.
         states: positions and velocities before, (lanes, n) each.
-        closed: flags of the closed contacts, (contacts, lanes).
+        closed: flags of the closed contacts, (contacts, lanes), without rows for friction and Jenkins elements.
     """
     with jax.numpy_rank_promotion("allow"):
         x, v = _after(machine, angle, states[0].T, states[1].T, closed)
@@ -68,7 +68,9 @@ def before_impact(
 @compile_lightly
 def _after(machine: Machine, angle: ArrayLike, x: Reals, v: Reals, closed: Reals) -> tuple[Reals, Reals]:
     state = _state(machine, angle, x, v)
-    hit = closed & (machine.approach(state) > 0)
+    contacts = machine.contacts
+    of_friction = jnp.zeros((contacts.num - len(closed), closed.shape[1]), bool)
+    hit = jnp.concatenate([closed, of_friction]) & contacts.is_rigid & (machine.approach(state) > 0)
     after = eqx.tree_at(lambda s: (s.x, s.v), state, rebound(machine, state, hit))
     return machine.in_space(after)
 

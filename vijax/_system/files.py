@@ -117,7 +117,8 @@ def look_at(table: dict[str, Any], file: str | os.PathLike[str]) -> ImpactSystem
     """Machine of a table, to be printed or drawn: its force is only a name, and nothing is imported."""
     if "family" in table:
         raise ValueError(
-            f"{file} holds a family, {table['family']}: nothing is known of its machine unless its function is called."
+            f"{file} holds a family, {table['family']}: nothing is known of its machine unless its function is called, "
+            "which `allow_forces=`, or `--allow-forces` of `vijax plot`, allows."
         )
     found = machine_of_table(table, file, force=NAMED_FORCE)
     assert isinstance(found, ImpactSystem)

@@ -8,10 +8,12 @@ import xarray as xr
 
 from ..._branches.branch import Branch
 from ..._sections.classify import classify
-from ..._system.files import look_at, read_table
+from ..._system.files import look_at, machine_of_table, read_table
 from ..._system.spelling import did_you_mean
+from ..._system.system import AnySystem
 from ...plot._labels import swept_paths
 from .datasets import is_machine, open_dataset
+from .forces import add_allow_forces, allowed
 from .pictures import check_picture, draw_to
 from .values import assignment, numbers
 
@@ -42,6 +44,7 @@ def add_to(commands: Any) -> None:
     )
     add("--style", default="default", metavar="NAME", help="a style of matplotlib, as dark_background")
     add("--dpi", type=float, default=150.0)
+    add_allow_forces(parser)
     parser.set_defaults(run=run)
 
 
@@ -61,7 +64,7 @@ def figure_of_file(args: argparse.Namespace) -> None:
     from ... import plot  # imports matplotlib
 
     if is_machine(args.file):
-        plot.machine(look_at(read_table(args.file), args.file))
+        plot.machine(_machine_of(args))
         return
     ds = open_dataset(args.file)
     for text in args.at:
@@ -93,6 +96,14 @@ def figure_of_file(args: argparse.Namespace) -> None:
         pictures[kind]()
     except (KeyError, AttributeError) as error:
         raise ValueError(f"{args.file} is no dataset for a picture `{kind}`: it has no {error}.") from error
+
+
+def _machine_of(args: argparse.Namespace) -> AnySystem:
+    """The machine of a file; of a family, whose function makes it, if the modules of that are allowed."""
+    table = read_table(args.file)
+    if not args.allow_forces:
+        return look_at(table, args.file)
+    return machine_of_table(table, args.file, allowed(args, args.file))
 
 
 def _kind_of(ds: xr.Dataset) -> str:
