@@ -219,3 +219,23 @@ def test_so_it_does_off_rigid_contacts(masses, stops):
     assert steps.max() < 60
     assert num_events.max() == 0
     np.testing.assert_allclose(x[:, -1], sizes * lifted, rtol=1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "units", [(1.0, 1.0, 1.0), (95.42658730564736, 0.18355836533808104, 0.05380833027899771)]
+)
+def test_equal_bodies_that_a_load_begins_to_move_together_do_not_bounce_by_rounding(units):
+    mass, length, time = units
+    load = np.full(2, 0.2 * mass * length / time**2)
+    system = vx.ImpactSystem(
+        np.full(2, 0.5 * mass),
+        np.zeros((2, 2)),
+        np.diag([mass / time**2, 0.0]),
+        vx.Harmonic(load, 1.0 / time, phase=np.full(2, np.pi / 2)),
+        [vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.7)],
+    )
+    sol = vx.simulate(system, 0.0, 3.0 * time, max_steps=1000)
+    # The spring presses one on the other: both move as a mass of 1 on it, x'' + x = -.4 sin t.
+    np.testing.assert_allclose(sol.x1 / length, 0.2 * (3.0 * np.cos(3.0) - np.sin(3.0)), rtol=1e-11)
+    assert sol.num_steps < 2 * FEW_STEPS
