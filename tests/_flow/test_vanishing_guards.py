@@ -239,3 +239,26 @@ def test_equal_bodies_that_a_load_begins_to_move_together_do_not_bounce_by_round
     # The spring presses one on the other: both move as a mass of 1 on it, x'' + x = -.4 sin t.
     np.testing.assert_allclose(sol.x1 / length, 0.2 * (3.0 * np.cos(3.0) - np.sin(3.0)), rtol=1e-11)
     assert sol.num_steps < 2 * FEW_STEPS
+
+
+@pytest.mark.thorough
+def test_a_release_where_a_load_passes_zero_is_one_in_any_units():
+    def end(units):
+        mass, length, time = units
+        load = vx.Harmonic(
+            jnp.array([0.4, 0.0]) * mass * length / time**2, 1.3 / time, phase=np.full(2, np.pi / 2)
+        )
+        links = mass / time**2 * jnp.array([[2.0, -1.0], [-1.0, 2.0]])
+        stops = [vx.Stop(1, 0.7 * length, "upper", 1.0), vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.0)]
+        system = vx.ImpactSystem(mass * jnp.full(2, 0.5), np.zeros((2, 2)), links, load, stops)
+        x0, v0 = jnp.array([0.0, 0.2 * length]), jnp.array([0.8 * length / time, 0.0])
+        periods = 24 * np.pi / 1.3
+        sol = vx.simulate(system, 0.0, periods * time, x0, v0, max_steps=1000, throw=False)
+        return sol.x1 / length, sol.num_events, sol.num_steps
+
+    # At the end of a period the force between the bodies vanishes, and their velocities differ by a rounding error.
+    units = 10 ** np.random.default_rng(1).uniform(-3, 3, (40, 3))
+    x, num_events, num_steps = jax.vmap(end)(jnp.array([[1.0, 1.0, 1.0], [1e5, 0.1, 100.0], *units]))
+    assert set(num_events.tolist()) == {46}
+    assert num_steps.max() < 200
+    np.testing.assert_allclose(x, np.broadcast_to(x[0], x.shape), rtol=0, atol=1e-12)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._hybrid.guards import guards_of_steps, is_idle, select_active
+from .._hybrid.guards import guards_of_steps, is_idle, leading_zeros, select_active
 from .._hybrid.limits import Limit
 from .._jax.arrays import Scalar, smallest
 from .._machine.contacts import Held
@@ -81,6 +81,9 @@ def delays_to_events(
     if order is not None:
         # One that falls all along from where it and its slope vanish, and rises then, has touched zero, up to rounding.
         is_simple = is_simple & ~((order >= 2) & (curve > 0))
+    elif machine.contacts.is_coupled:
+        # After a step of no length: what has just been let go opens, whatever the rounding error of its speed.
+        is_simple = is_simple & (leading_zeros(state) == 0)
     arrival = arrival_of(machine)
     is_simple = is_simple & (jnp.abs(bend) * delay * delay <= arrival.bend * root)
     # Two steps of Newton's method with one division: the parabola has the slope -root at its zero, and the reciprocal

@@ -297,9 +297,11 @@ def state_after_step(
 ) -> State:
     """State after a step, from its displacement, final velocities and change of the phase."""
     time, low = _two_sum(state.time, step)
-    kept, closed = jnp.int8(0), state.held
+    kept, closed, is_later = jnp.int8(0), state.held, step > 0
     if machine.contacts.is_coupled:
         kept, closed = jnp.where(state.is_frozen, state.contact, kept), closed | state.is_frozen
+        # Within one instant what has been let go opens by less than the rounding error of its speed.
+        is_later = step > simultaneity_tolerance(machine)
     gap = machine.contacts.gap_after(state.gap, closed, displacement, change)
     if state.mode is not None:
         # A gap is frozen for these numbers of the machine alone, not for those beside: it has a derivative.
@@ -318,7 +320,7 @@ def state_after_step(
             machine.moved(state.x, displacement),
             v,
             gap,
-            jnp.where(step > 0, kept, state.contact),
+            jnp.where(is_later, kept, state.contact),
         ),
     )
 
