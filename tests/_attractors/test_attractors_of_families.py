@@ -14,7 +14,7 @@ def family():
     return vx.Family(rotor, frequency=0.74, labels={"frequency": "Speed"})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_attractors_are_those_of_the_machine(family):
     own = vx.attractors(family, 20, **FEW)
     other = vx.attractors(family.system, 20, **FEW)

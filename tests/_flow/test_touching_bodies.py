@@ -123,6 +123,7 @@ def test_falling_bodies_of_equal_drag_stay_in_touch(mass, name):
     assert sol.num_steps < FEW_STEPS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rigid", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_ball_at_the_end_of_its_container_rides_on_a_shaken_base_in_a_sweep_too(rigid):
     """In the frame of the base both have the same acceleration: nothing presses, whatever the gap of the other end."""
@@ -141,7 +142,13 @@ def test_a_ball_at_the_end_of_its_container_rides_on_a_shaken_base_in_a_sweep_to
 
 
 @pytest.mark.parametrize(
-    ("mass", "static"), [([1.0, 1.0], None), ([1.0, 2.0], None), ([3.0, 0.5], 1.0), ([1.0, 2.0], 1.3)]
+    ("mass", "static"),
+    [
+        ([1.0, 1.0], None),
+        pytest.param([1.0, 2.0], None, marks=pytest.mark.slow),
+        pytest.param([3.0, 0.5], 1.0, marks=pytest.mark.slow),
+        ([1.0, 2.0], 1.3),
+    ],
 )
 def test_blocks_whose_friction_is_at_its_bound_all_along_ride_together(mass, static):
     """The lowest slides; it drives those above by 0.9. Between these acts what the uppermost needs, which is the bound."""

@@ -154,7 +154,7 @@ def test_a_mass_that_symmetry_keeps_on_its_stop_does_not_delay_the_others(num, r
     assert light.max(initial=0.0) < EXACT
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_load_that_begins_with_no_force_lifts_a_body_off_in_few_steps():
     """A (1 - cos wt): the gap grows as t^4, and no coefficient below is more than rounding."""
     lifted = 0.15 * 9 - 0.3 / 0.49 * (1 - np.cos(2.1))

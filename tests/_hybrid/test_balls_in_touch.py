@@ -45,7 +45,7 @@ def test_dropped_balls_leave_the_floor_with_one_speed(mass, gravity):
     np.testing.assert_allclose(sol.v1, v, rtol=0, atol=EXACT)
 
 
-@pytest.mark.parametrize("gravity", [9.81, 1e-3, 7e5])
+@pytest.mark.parametrize("gravity", [pytest.param(9.81, marks=pytest.mark.slow), 1e-3, 7e5])
 def test_so_they_do_side_by_side_in_any_unit_of_mass_and_time(gravity):
     units, end = jnp.array([1.0, 3.0, 1 / 7, 1e-9]), END * np.sqrt(9.81 / gravity)
     sol = jax.vmap(lambda unit: dropped(unit * jnp.array([1.0, 3.0]), gravity, end=end))(units)
@@ -55,6 +55,7 @@ def test_so_they_do_side_by_side_in_any_unit_of_mass_and_time(gravity):
     np.testing.assert_allclose(sol.v1, v, rtol=0, atol=EXACT * max(1.0, float(abs(v))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [jax.jacfwd, pytest.param(jax.jacrev, marks=pytest.mark.slow)])
 def test_derivatives_by_height_and_weight_are_those_of_one_ball(derivative):
     at = jnp.array([9.81, HEIGHT])

@@ -58,6 +58,7 @@ def test_two_elements_are_one_of_their_sum(name):
         np.testing.assert_allclose(one.x1, 1.06887, rtol=0, atol=5e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", _NAMES)
 def test_so_they_are_in_a_sweep(name):
     values = {"forcing.frequency": np.linspace(0.6, 0.9, 4)}

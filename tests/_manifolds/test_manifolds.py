@@ -80,7 +80,7 @@ def test_the_unstable_manifold_is_invariant_and_resolved(saddle, curves):
         assert distance_to(states, images).max() < 0.03 * ANGLE / 4
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_unstable_states_come_from_the_saddle_and_stable_ones_go_to_it(saddle, curves):
     goal = np.array([3.0 * float(saddle.x0[0]), float(saddle.v0[0])])
     # On the way, an error is magnified by the other multiplier.
@@ -97,7 +97,7 @@ def test_unstable_states_come_from_the_saddle_and_stable_ones_go_to_it(saddle, c
             assert np.nanmin(away, axis=0).max() < error
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_stable_manifold_is_the_boundary_of_the_basins(saddle, curves):
     forward = StateMap.of_orbit(saddle, 1)
     for side in (1, -1):
@@ -117,7 +117,7 @@ def test_the_stable_manifold_is_the_boundary_of_the_basins(saddle, curves):
         assert (one.all(axis=0) ^ other.all(axis=0)).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_curves_are_cut_where_velocities_are_reversed(curves):
     states = branch(curves, "unstable", -1)
     at = np.flatnonzero(np.isnan(states).any(axis=1))
@@ -129,7 +129,7 @@ def test_curves_are_cut_where_velocities_are_reversed(curves):
     assert np.all((np.abs(ratio + 0.8) < 1e-4) | (np.abs(ratio + 1.25) < 1e-4))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_bounds_hold(curves):
     for name, (low, high) in (("x0", (-0.5, 0.5)), ("v0", (-3.0, 3.0))):
         a = curves[name].values

@@ -54,7 +54,7 @@ def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone():
 @pytest.mark.parametrize(
     "damping",
     [
-        pytest.param([[0.0, 0.0], [0.0, 0.0]], marks=pytest.mark.thorough),
+        pytest.param([[0.0, 0.0], [0.0, 0.0]], marks=pytest.mark.slow),
         [[0.2, 0.0], [0.0, 0.2]],
         [[0.3, -0.1], [-0.1, 0.3]],
     ],

@@ -48,7 +48,7 @@ def assert_same_motion(ours: vx.Solution, theirs: vx.Solution, time: float = 1.0
     np.testing.assert_allclose(ours.sliders1, theirs.sliders1, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [1.0, *(pytest.param(unit, marks=pytest.mark.slow) for unit in (1e5, 1e-5))])
 def test_a_spring_by_force_and_by_stiffness_move_alike_whatever_the_unit_of_time(time):
     ours, theirs = (vx.simulate(machine(share, time=time), 0.0, 60.0 * time) for share in (0.6, 0.0))

@@ -230,7 +230,7 @@ def test_datasets_of_branches(followed, data):
     assert is_sentence(message)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @FEW
 @given(data=st.data())
 def test_stores_give_the_same_or_a_sentence(swept, tmp_path_factory, data):
