@@ -82,7 +82,7 @@ def delays_to_events(
         # One that falls all along from where it and its slope vanish, and rises then, has touched zero, up to rounding.
         is_simple = is_simple & ~((order >= 2) & (curve > 0))
     elif machine.contacts.is_coupled:
-        # After a step of no length: what has just been let go opens, whatever the rounding error of its speed.
+        # After a step within one instant: what has just been let go opens, whatever the rounding error of its speed.
         is_simple = is_simple & (leading_zeros(state) == 0)
     arrival = arrival_of(machine)
     is_simple = is_simple & (jnp.abs(bend) * delay * delay <= arrival.bend * root)

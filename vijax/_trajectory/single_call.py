@@ -49,7 +49,7 @@ def run_single_call(
         _run_whole,
         whole,
         has_parts=machine.is_switching,
-        is_large=_has_several_kinds(machine),
+        is_large=machine.is_switching and _has_several_kinds(machine),
         many=_run_many,
         watch=watched,
         always=_end_of,
