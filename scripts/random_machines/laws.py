@@ -1,12 +1,11 @@
 """Laws of mechanics that motions of random machines obey: no penetration, impact law, energy, momentum."""
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 import vijax as vx
 
-from .extras import KNOTS
-from .machines import own_numbers
+from .loads import forces_with_power
+from .machines import matrices, own_numbers
 from .runs import SAVED, Failure, Run, code_of, run, start_of_rest
 from .shapes import Shape
 
@@ -90,7 +89,7 @@ def _energy(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Fai
 
 def _stored(shape: Shape, a: dict, run: Run) -> np.ndarray:
     """Energy of masses and springs at saved times, (lanes, times)."""
-    energy = np.einsum("bti,bij,btj->bt", run.vs, _matrices(shape, a), run.vs) / 2
+    energy = np.einsum("bti,bij,btj->bt", run.vs, matrices(shape, a["mass"]), run.vs) / 2
     energy = energy + np.einsum("bti,bij,btj->bt", run.xs, a["stiffness"], run.xs) / 2
     return energy + (np.einsum("bi,bti->bt", a["cubic"], run.xs**4) / 4 if shape.is_nonlinear else 0.0)
 
@@ -135,40 +134,15 @@ def _quiet(shape: Shape, a: dict, whole: Run) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _power(shape: Shape, own: dict, part: Run, lane: int) -> np.ndarray:
-    """Power of loads, dampers and the stiffness that changes in time, (times,)."""
-    ts, x, v = part.ts[lane], part.xs[lane], part.vs[lane]
-    turn = own["frequency"] * ts
-    force = -v @ own["damping"].T
-    if shape.load == "wave":
-        knots, values = np.append(own["knots"], own["knots"][0] + 1), own["values"][[*range(KNOTS), 0]]
-        phase = knots[0] + np.mod(turn / (2 * np.pi) - knots[0], 1.0)
-        force = force + _in_table(shape.kind, knots, values, phase, "periodic")
-    else:
-        waves = np.cos((1 + np.arange(shape.harmonics))[:, None, None] * turn + own["phase"][..., None])
-        force = force + own["mean"] + np.einsum("hi,hit->ti", own["amplitude"], waves)
-    if shape.load == "table":
-        is_inside = (ts >= own["knots"][0]) & (ts < own["knots"][-1])
-        force = force + is_inside[:, None] * _in_table(shape.kind, own["knots"], own["values"], ts)
-    if shape.is_parametric:
-        force = force - np.cos(turn + own["swing_phase"])[:, None] * (x @ own["swing"].T)
-    return np.einsum("ti,ti->t", force, v)
-
-
-def _in_table(
-    kind: str, knots: np.ndarray, values: np.ndarray, ts: np.ndarray, ends: str = "not-a-knot"
-) -> np.ndarray:
-    """Values of a table at times, (times, masses)."""
-    if kind == "previous":
-        return values[np.clip(np.searchsorted(knots, ts, side="right") - 1, 0, len(knots) - 1)]
-    if kind == "linear":
-        return np.stack([np.interp(ts, knots, column) for column in values.T], axis=1)
-    return CubicSpline(knots, values, bc_type=ends)(ts)
+    """Power of the forces without a potential, (times,)."""
+    x, v = part.xs[lane], part.vs[lane]
+    return np.einsum("ti,ti->t", forces_with_power(shape, own, part.ts[lane], x, v), v)
 
 
 def momentum_faults(shape: Shape, a: dict, begin: np.ndarray, end: np.ndarray) -> list[Failure]:
     """Momentum of machines on which nothing acts from outside."""
     alone = run(shape, a, begin, end)
-    momenta = np.einsum("bij,btj->bti", _matrices(shape, a), alone.vs)
+    momenta = np.einsum("bij,btj->bti", matrices(shape, a["mass"]), alone.vs)
     lack = np.abs(np.diff(momenta.sum(axis=2), axis=1)).max(axis=1)
     size = ROUNDING * np.abs(momenta).max(axis=(1, 2))
     # Rows of the stiffness add up to zero but for rounding.
@@ -179,8 +153,3 @@ def momentum_faults(shape: Shape, a: dict, begin: np.ndarray, end: np.ndarray) -
         Failure("momentum", int(k), float(lack[k] / size[k]))
         for k in np.flatnonzero(is_sound & (lack > size))
     ]
-
-
-def _matrices(shape: Shape, a: dict) -> np.ndarray:
-    """Mass matrices, (lanes, masses, masses)."""
-    return a["mass"] if shape.is_full else np.einsum("bi,ij->bij", a["mass"], np.eye(shape.masses))

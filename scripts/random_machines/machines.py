@@ -29,7 +29,7 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
     """Draw the numbers of many machines, and starts with no stop passed, (count, ...) each."""
     n, draws = shape.masses, _Draws(rng, count)
     spread, sometimes = draws.spread, draws.sometimes
-    matrices = _draw_matrices(draws, shape)
+    system = _draw_matrices(draws, shape)
     driven = float(shape.is_driven)
     size = sometimes(0.3, 0.0, spread(-1, 0.5, shape.harmonics, n))
     size[:, 0, 0] = spread(-0.5, 0.5)
@@ -40,7 +40,7 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
     if shape.is_moving:  # at the start it may be anywhere on its way
         position[:, 0] += travel
     numbers = {
-        **matrices,
+        **system,
         "amplitude": driven * size,
         "phase": rng.uniform(0, 2 * np.pi, (count, shape.harmonics, n)),
         "mean": driven * sometimes(0.5, 0.0, rng.normal(size=(count, n)) * 0.3),
@@ -108,23 +108,28 @@ def _draw_places(draws: _Draws, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
 def largest_coefficients(shape: Shape, a: dict[str, np.ndarray]) -> np.ndarray:
     """Coefficients of friction of contacts with which each contact can still slip (Painleve), (count, rubs)."""
     n = shape.masses
-    matrices = a["mass"] if shape.is_full else np.einsum("bi,ij->bij", a["mass"], np.eye(n))
-    flexibility = np.linalg.inv(matrices)
+    flexibility = np.linalg.inv(matrices(shape, a["mass"]))
     pressing = [*((i,) for i, _ in shape.stops), *shape.contacts, *((i,) for i, _ in shape.cushions)]
-    found = np.empty((len(matrices), len(shape.rubs)))
+    found = np.empty((len(flexibility), len(shape.rubs)))
     for k, (row, contact) in enumerate(shape.rubs):
-        normal, tangent = (_vector(one, n) for one in (pressing[contact], row))
+        normal, tangent = (coefficients(one, n) for one in (pressing[contact], row))
         own, beside = (np.einsum("i,bij,j->b", normal, flexibility, one) for one in (normal, tangent))
         share = 0.8 / sum(other == contact for _, other in shape.rubs)
         found[:, k] = np.minimum(3.0, share * own / np.maximum(np.abs(beside), 1e-300))
     return found
 
 
-def _vector(row: Row, n: int) -> np.ndarray:
+def coefficients(row: Row, n: int) -> np.ndarray:
+    """A row as a vector, (n,)."""
     vector = np.zeros(n)
     for i, value in _coefficients(row).items():
         vector[i] = value
     return vector
+
+
+def matrices(shape: Shape, mass: np.ndarray) -> np.ndarray:
+    """Mass matrices from the numbers of the masses, (..., n, n)."""
+    return mass if shape.is_full else mass[..., None] * np.eye(shape.masses)
 
 
 def _restitution(rng: np.random.Generator, size: tuple[int, ...]) -> np.ndarray:
@@ -188,9 +193,8 @@ def machine(shape: Shape, a: dict[str, Any]) -> vx.ImpactSystem:
         vx.Jenkins(_coefficients(row), a["slider_stiffness"][j], a["slider_limit"][j])
         for j, row in enumerate(shape.sliders)
     ]
-    matrices = a["mass"], a["damping"], a["stiffness"]
     other = {"friction": friction, "hysteresis": hysteresis, **forces_of(shape, a)}
-    return vx.ImpactSystem(*matrices, load, stops, **other)
+    return vx.ImpactSystem(a["mass"], a["damping"], a["stiffness"], load, stops, **other)
 
 
 def own_numbers(a: dict[str, np.ndarray], lane: int) -> dict[str, np.ndarray]:

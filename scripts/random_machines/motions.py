@@ -6,6 +6,7 @@ import numpy as np
 
 import vijax as vx
 
+from .balance import balance_faults
 from .compared import Compared
 from .laws import gaps, law_faults, momentum_faults
 from .machines import machine, own_numbers
@@ -66,6 +67,7 @@ def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list
         knotted = run(shape, with_knot(shape, a, at_event), begin, end)
         failures += own.faults("knot at an event", knotted.xs, knotted.vs)
     failures += _of_elements(own, rng)
+    failures += balance_faults(shape, a, whole, rng)
     return failures, int(own.is_fair.sum())
 
 

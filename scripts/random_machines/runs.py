@@ -65,12 +65,16 @@ def run(
     most_steps: int | None = MOST_STEPS,
     fractions: np.ndarray = EVENLY,
 ) -> Run:
-    """Simulate the machines one by one: one program serves all of a size, and compiles in a fraction of a batch's time."""
+    """Simulate the machines one by one: one program serves all of a size, and compiles in a fraction of a batch's time.
+
+    `fractions` of the time are saved, (times,), or for each machine its own, (lanes, times).
+    """
     x0, v0 = a["x0"] if x0 is None else x0, a["v0"] if v0 is None else v0
+    fractions = np.broadcast_to(fractions, (len(begin), fractions.shape[-1]))
     rows = []
     for k in range(len(begin)):
         own = own_numbers(a, k)
-        ts = np.minimum(begin[k] + (end[k] - begin[k]) * fractions, end[k])
+        ts = np.minimum(begin[k] + (end[k] - begin[k]) * fractions[k], end[k])
         system = machine(shape, own)
         sol = vx.simulate(
             system,
