@@ -26,14 +26,10 @@ def turned(scale: float, side: int) -> vx.ImpactSystem:
     """The machine of two masses with lengths and forces scaled, or its mirror image."""
     one = machine(1.56872)
     load = vx.Harmonic(side * scale * np.asarray(one.forcing.amplitude), 1.56872)
+    sides = ("upper", "lower")[::side]
     stops = [
-        vx.Stop(
-            stop.mass,
-            side * scale * float(stop.position),
-            ("lower", "upper")[(stop.sign * side + 1) // 2],
-            stop.restitution,
-        )
-        for stop in one.stops
+        vx.Stop(0, side * scale * 0.70028, sides[0], 0.456959),
+        vx.Stop(1, side * scale * -0.5631, sides[1], 0.785713),
     ]
     return vx.ImpactSystem(one.mass, one.damping, one.stiffness, load, stops)
 
@@ -42,8 +38,8 @@ def turned(scale: float, side: int) -> vx.ImpactSystem:
 def test_the_end_of_a_branch_of_four_periods_has_the_quantities_of_the_cycle_of_one(scale, side):
     """Three of the four periods graze: what the first makes of a rounding error, the others make large."""
     bounds, unit = (1.5685, 1.5705), side * scale
-    start = unit * np.array([[-0.476161, -0.46606], [0.909469, -0.459481]])
-    branch = followed(vx.periodic_orbit(turned(scale, side), *start, 4), bounds)
+    x0, v0 = unit * np.array([[-0.476161, -0.46606], [0.909469, -0.459481]])
+    branch = followed(vx.periodic_orbit(turned(scale, side), x0, v0, 4), bounds)
     k = -branch.ends.index("gr")
     end, orbit = branch.points.isel(point=k), branch.orbit(k)
     of_one = followed(vx.periodic_orbit(orbit.system, orbit.x0, orbit.v0), bounds)

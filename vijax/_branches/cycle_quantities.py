@@ -191,7 +191,7 @@ class _Cycles:
         if self.is_autonomous:
             values[_FREQUENCY] = 2 * np.pi / self.points["period"].values
         found, stays = self._swept(self.system, values, starts, names)
-        for k in np.flatnonzero(self._grazes & ~stays):
+        for k in np.flatnonzero(self._grazes & ~stays).tolist():
             passes = _without_touches(self._machine(values[self.path][k]), self.branch.orbit(k))
             unit = {path: a[[k]] for path, a in values.items() if path != self.path}
             one, stays[[k]] = self._swept(passes, unit, starts[[k]], names)
