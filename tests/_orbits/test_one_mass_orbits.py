@@ -2,6 +2,8 @@
 
 from functools import cache
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_orbits import Table, exact_orbit
@@ -203,6 +205,25 @@ def test_without_impacts_it_is_the_response_to_the_load():
     response = 0.3 / (1 - 0.25 + 0.05j)
     np.testing.assert_allclose([orbit.x0[0], orbit.v0[0]], [response.real, -0.5 * response.imag], rtol=1e-14)
     assert int(orbit.num_impacts[0]) == 0
+
+
+@pytest.mark.slow
+def test_a_compiled_program_warns_of_an_orbit_that_it_does_not_find():
+    """An optimiser sees only the loss, which is then NaN or that of no motion."""
+
+    def loss(stop):
+        system = one_mass(3.7, 1.0, damping=0.0, restitution=0.8, stop=stop)
+        orbit = vx.periodic_orbit(system, [-1.0], [0.5], 2, max_events=ROOM, throw=False)
+        return jnp.abs(orbit.events.velocity_minus[0])
+
+    program = jax.jit(jax.value_and_grad(loss))
+    with pytest.warns(UserWarning, match=r"(not_converged|left_the_stops): .* halve its step") as caught:
+        jax.block_until_ready(program(-0.06))
+        jax.effects_barrier()
+    assert caught[0].filename == __file__
+    with pytest.warns(UserWarning, match="The start lies beyond a stop"):
+        jax.block_until_ready(program(-1.5))
+        jax.effects_barrier()
 
 
 def test_what_is_not_found_is_told():
