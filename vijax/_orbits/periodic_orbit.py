@@ -26,7 +26,6 @@ from .maps import angle_of
 from .orbit import PeriodicOrbit
 from .search import StroboscopicMap
 
-
 _NO_ORBIT = (
     "`vx.periodic_orbit` goes on, as `throw=False`, but what is computed from this orbit, such as a loss, is NaN or that of no motion. "
     "Where an optimiser has left the orbit, halve its step until `orbit.result` is successful again."
