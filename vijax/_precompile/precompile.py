@@ -19,7 +19,7 @@ CALLS = (
 )
 
 
-def precompile(system: AnySystem, calls: Sequence[str] | str, wait: bool = False) -> Precompilation:
+def precompile(machine: AnySystem, calls: Sequence[str] | str, wait: bool = False) -> Precompilation:
     """Compile ahead of time what calls will need for this kind of machine, in a process of its own.
 
     The first call of each kind compiles for seconds, a first branch for half a minute. Begun in the first cell of a
@@ -30,7 +30,7 @@ def precompile(system: AnySystem, calls: Sequence[str] | str, wait: bool = False
     events: they are made for the orbit on which the machine settles from rest.
 
     Args:
-        system: the machine, or a `vx.Family`. The function of a family, and a `force`, must stand in a module that
+        machine: the machine, or a `vx.Family`. The function of a family, and a `force`, must stand in a module that
             another process can import.
         calls: their names, some of "simulate", "sweep", "periodic_orbit", "continuation", "bifurcation_curve", "basins" and
             "lyapunov_exponents"; programs are made for their usual options.
@@ -51,10 +51,10 @@ def precompile(system: AnySystem, calls: Sequence[str] | str, wait: bool = False
         vx.precompile(system, ["simulate", "sweep", "continuation"])
         ```
     """
-    machine_of(system)
+    machine_of(machine)
     names = checked_calls(calls)
     store = writable_store()
-    found = Precompilation(names, packed_shipment(system, names, store.folder))
+    found = Precompilation(names, packed_shipment(machine, names, store.folder))
     if wait:
         found.wait()
     return found
