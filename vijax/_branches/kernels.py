@@ -13,7 +13,7 @@ from .._machine.numbers import numbers_of
 from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, moved_by, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
-from .._orbits.sequence import Instants, Sequence, is_same_sequence, kinds_of, sequence_of
+from .._orbits.sequence import Instants, Sequence, is_same_sequence, sequence_of
 from .._trajectory.loop import Choices
 from .._trajectory.results import RESULTS
 from .._trajectory.single_call import run_for_log
@@ -290,7 +290,7 @@ def read_motion(
     """The motion of a run, from its instants."""
     numbers, room = numbers_of(family.system_at(place.p)), len(sequence.kind)
     strobe = StroboscopicMap(numbers, family.flow, begun.length, family.phase, room)
-    whole, flights = sequence_of(instants, strobe.t0, strobe.period, kinds_of(numbers))
+    whole, flights = sequence_of(instants, strobe.t0, strobe.period, numbers)
     other = Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1])
     is_whole, flights = is_successful & (jnp.sum(whole.is_event) <= room), flights[:room]
     if not family.is_autonomous:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._hybrid.limits import CLOSE, IMPACT, OPEN
 from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of, is_any
-from .._machine.state import AHEAD, BEHIND, CLOSED, FREE, INSIDE
+from .._machine.state import AHEAD, BEHIND, CLOSED, FREE, INSIDE, SPRING
 from .._orbits.cycle import Moment
 from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effective, held_in, kept_in
 from .._trajectory.batched import row_of_lane
@@ -287,6 +287,9 @@ def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array
     before = jnp.maximum(event, 0)
     kind, stop, rested = of_flight((sequence.kind, sequence.stop, rests), before)
     is_own = (_numbers(rests[0]) == stop) & (kind != NOTHING)
+    if sequence.num_groups > 1:  # a slider leaves its limit beside another one too, whose event is both
+        at, after = (of_flight(sequence.mode, one) for one in (before, before + 1))
+        is_own = is_own | ((at == AHEAD) | (at == BEHIND)) & (after == SPRING)
     return (event >= 0) & ~of_flight(rests, flight) & (is_own | rested)
 
 

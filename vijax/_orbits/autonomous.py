@@ -44,7 +44,7 @@ from .newton import implicit_orbit, pencil_of, polish, scale_of
 from .orbit import ORBIT_RESULTS
 from .rigid_modes import free_drifts, free_shifts, num_of
 from .search import StroboscopicMap
-from .sequence import Instants, Sequence, is_same_sequence, kinds_of, num_stops_of, sequence_of
+from .sequence import Instants, Sequence, is_same_sequence, num_stops_of, sequence_of
 
 # Distance of two states in the middle of flights, relative to the motion, below which the motion nearly repeats.
 _NEARLY = 0.05
@@ -228,9 +228,7 @@ def _run(strobe: StroboscopicMap, start: Float[Array, " state"], length: Scalar)
     strobe = eqx.tree_at(lambda s: s.num_periods, strobe, length)
     choices = Choices(can_stick=True, room=strobe.room)
     log, _, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(start), choices)
-    return _UnforcedRun(
-        start, end, *sequence_of(Instants.of(log), strobe.t0, strobe.period, kinds_of(strobe.numbers))
-    )
+    return _UnforcedRun(start, end, *sequence_of(Instants.of(log), strobe.t0, strobe.period, strobe.numbers))
 
 
 @compile_quickly

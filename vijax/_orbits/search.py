@@ -41,7 +41,6 @@ from .sequence import (
     effective,
     empty_sequence,
     is_same_sequence,
-    kinds_of,
     sequence_of,
 )
 
@@ -261,7 +260,7 @@ def search_step(
     followed = (follow or strobe.run)(search.trial)
     instants, result, end, jacobian, events = followed
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    sequence, flights = sequence_of(instants, strobe.t0, machine.period, kinds_of(strobe.numbers))
+    sequence, flights = sequence_of(instants, strobe.t0, machine.period, strobe.numbers)
     shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
     problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, *shifts)
     size = scale_of(problem, search.trial)

@@ -151,13 +151,15 @@ class Instants(NamedTuple):
 
 
 def sequence_of(
-    happened: Instants, t0: Scalar, period: Scalar, kinds: tuple[int, ...]
+    happened: Instants, t0: Scalar, period: Scalar, numbers: MachineNumbers
 ) -> tuple[Sequence, Float[Array, " events"]]:
-    """The sequence of a trajectory, and the durations of its flights in forcing periods; `kinds` of elements."""
+    """The sequence of a trajectory of a machine, and the durations of its flights in forcing periods."""
     instants, (ended, before, after) = happened.transitions, _modes_at(happened)
     size, num_stops = instants.hit.shape
     is_row = (jnp.arange(size) < happened.count)[:, None]
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)
+    kinds = kinds_of(numbers)
+    is_event = is_event & ~_follows_an_event(numbers, is_event, event_kinds)
     is_event, room = is_event.ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
 
@@ -208,6 +210,51 @@ def _events_at(
     # A zero without effect on its own element passes the load on to others.
     is_event = jnp.where(jnp.any(is_change, axis=1, keepdims=True), is_change, is_zero)
     return is_event, kind + SECOND * (ended == 2)
+
+
+def _follows_an_event(
+    numbers: MachineNumbers, is_event: Bool[Array, "rows elements"], kinds: Int[Array, "rows elements"]
+) -> Bool[Array, "rows elements"]:
+    """Flags of events that are one with that of an element before, see `side_by_side`."""
+    if not has_several_of_a_kind(kinds_of(numbers)):
+        return jnp.zeros_like(is_event)
+    public = kinds % SECOND
+    rests, slips = (own != 0 for own in side_by_side(numbers))
+    is_of_one = jnp.where((public == SLIP)[:, :, None], slips, rests) & (
+        public[:, :, None] == public[:, None]
+    )
+    return jnp.any(is_of_one & is_event[:, :, None], axis=1)
+
+
+def has_several_of_a_kind(kinds: tuple[int, ...]) -> bool:
+    """Whether elements that resist velocities may stand side by side."""
+    return max(map(kinds.count, (FRICTION, JENKINS))) > 1
+
+
+def side_by_side(numbers: MachineNumbers) -> tuple[Any, Any]:
+    """Pairs of elements that come to rest together, and of those that slip together, (elements, elements) each.
+
+    Their rows and velocities are multiples, and of Jenkins elements that slip together the largest stretches too. Their guards
+    are one function, so no flight separates the events of the two in any motion. The number of a pair is the sign of the multiple, in the
+    row of the first of the two; all others are 0.
+    """
+    laws = numbers.laws
+    assert laws is not None
+    rows, kinds = jnp.asarray(numbers.rows), np.array(laws.kinds)
+    near = 4 * float(jnp.finfo(rows.dtype).eps)
+    square = jnp.sum(rows * rows, axis=1)
+    share = (rows @ rows.T) / jnp.where(square > 0, square, 1)[:, None]
+    away = jnp.max(jnp.abs(rows[None] - share[:, :, None] * rows[:, None]), axis=2)
+
+    def is_multiple(of_elements: Array, share: Array) -> Array:
+        return jnp.abs(of_elements[None] - share * of_elements[:, None]) <= near * jnp.abs(of_elements[None])
+
+    is_pair = np.triu((kinds[:, None] == kinds[None]) & (kinds[None] >= FRICTION), 1)
+    is_pair = is_pair & (away <= near * jnp.max(jnp.abs(rows), axis=1)[None])
+    rests = jnp.where(is_pair & is_multiple(jnp.asarray(laws.velocity), share), jnp.sign(share), 0)
+    if laws.reach is None:
+        return rests, rests
+    return rests, jnp.where(is_multiple(jnp.asarray(laws.reach), jnp.abs(share)), rests, 0)
 
 
 def is_same_sequence(

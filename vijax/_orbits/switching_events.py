@@ -235,4 +235,6 @@ def instant_of(machine: Machine, end: State, event: Event, time: Scalar) -> Inst
     instant = Instant(hit, none, none, speed, now, zeros, arrived, time, impulse, no_switches(end), rubbed)
     duration = jax.lax.stop_gradient(time_of_bounces(machine, struck, instant))
     ended = jnp.where(at_event & (kind != NOTHING), 1 + is_second(kind), 0)
+    if contacts.kinds.count(FRICTION) > 1:  # the turn of one is that of all beside it
+        ended = jnp.where((kind == TURN) & (event.mode != after), 1, ended)
     return logged(machine, end, in_laws(machine, struck, after), instant, ended, duration)

@@ -11,8 +11,9 @@ from itertools import product
 
 import numpy as np
 
+from ..._machine.numbers import numbers_of
 from ..._machine.switching import contacts_of_elements, kinds_of_elements
-from ..._orbits.sequence import SECOND, Sequence
+from ..._orbits.sequence import SECOND, has_several_of_a_kind, side_by_side
 from ..._system.system import machine_of
 from ..behind_event import corrected_on_sequence, step_off
 from ..kinds import Kind
@@ -61,7 +62,7 @@ def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
 
 def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
     """The first point behind a corner, on the first words that lead on."""
-    elements = yield from _elements(corner.event.sequence)
+    elements = yield from _elements(corner.event)
     choices = [words_between(at.mode, _acting(at, elements), elements, at.word) for at in corner.instants]
     # Words of one instant are taken in parts whose residuals one call computes, as mostly an early one leads on.
     words = choices[0]
@@ -74,14 +75,19 @@ def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
     return None
 
 
-def _elements(sequence: Sequence) -> Requests[Elements]:
-    """The elements of a machine."""
+def _elements(event: BranchPoint) -> Requests[Elements]:
+    """The elements of the machine at a point."""
 
     def of(family: ParameterFamily) -> Elements:
         system = machine_of(family.system)
-        return Elements(tuple(kinds_of_elements(system)), tuple(contacts_of_elements(system)))
+        kinds, contacts = tuple(kinds_of_elements(system)), tuple(contacts_of_elements(system))
+        pairs = [((0,) * len(kinds),) * len(kinds)] * 2
+        if has_several_of_a_kind(kinds):
+            found = side_by_side(numbers_of(family.system_at(event.place.p)))
+            pairs = [tuple(map(tuple, np.asarray(own, int).tolist())) for own in found]
+        return Elements(kinds, contacts, *pairs)
 
-    return (yield from ask(HostCall(of, sequence)))
+    return (yield from ask(HostCall(of, event.sequence)))
 
 
 def _acting(at: CornerInstant, elements: Elements) -> tuple[int, ...]:

@@ -48,10 +48,41 @@ _MORE, _MOST, _OF_ONE = 2, 4, 3
 
 
 class Elements(NamedTuple):
-    """Kinds of all elements of a machine, and the contact that presses each friction element, -1 for none."""
+    """All elements of a machine.
+
+    Attributes:
+        kinds: their kinds.
+        contacts: the contact that presses each friction element, -1 for none.
+        rests: of each those that come to rest together with it, with the signs of their rows, see `side_by_side`.
+        slips: of each those that slip together with it, likewise.
+    """
 
     kinds: tuple[int, ...]
     contacts: tuple[int, ...]
+    rests: tuple[tuple[int, ...], ...]
+    slips: tuple[tuple[int, ...], ...]
+
+    def follower_modes(self, i: int, kind: int, mode: Modes, after: int) -> dict[int, int] | None:
+        """Modes behind an event of element `i` of those that follow it; None if it follows one itself."""
+        pairs = self.slips if kind % SECOND == SLIP else self.rests
+        is_one = lambda first, other: mode[other] == _seen_along(pairs[first][other], mode[first])  # noqa: E731
+        if any(pairs[j][i] and is_one(j, i) for j in range(i)):
+            return None
+        return {j: _seen_along(sign, after) for j, sign in enumerate(pairs[i]) if sign and is_one(i, j)}
+
+    def is_consistent(self, mode: Modes) -> bool:
+        """Whether friction side by side does the same in a mode, but for that of open contacts."""
+        return all(
+            not sign or FREE in (mode[i], mode[j]) or mode[j] == _seen_along(sign, mode[i])
+            for i, signs in enumerate(self.rests)
+            if self.kinds[i] == FRICTION
+            for j, sign in enumerate(signs)
+        )
+
+
+def _seen_along(sign: int, mode: int) -> int:
+    """A mode along a row of the same or the other sign."""
+    return mode if sign > 0 else {AHEAD: BEHIND, BEHIND: AHEAD}.get(mode, mode)
 
 
 @lru_cache(maxsize=1024)
@@ -95,14 +126,17 @@ def _letters(mode: Modes, acting: tuple[int, ...], elements: Elements) -> Iterat
     """All events that may end modes, with those behind them."""
     for i in acting:
         for kind, after in _ENDS[elements.kinds[i]].get(mode[i], []):
+            own = elements.follower_modes(i, kind, mode, after)
+            if own is None:
+                continue
+            known = own | {i: after}
             choices = [
-                [after]
-                if j == i
-                else _modes_behind(own, kind, after, elements.kinds[j], elements.contacts[j] == i)
-                for j, own in enumerate(mode)
+                [known[j]]
+                if j in known
+                else _modes_behind(mode[j], kind, after, elements.kinds[j], elements.contacts[j] == i)
+                for j in range(len(mode))
             ]
-            for new in product(*choices):
-                yield Letter(kind, i, new)
+            yield from (Letter(kind, i, new) for new in product(*choices) if elements.is_consistent(new))
 
 
 def _modes_behind(own: int, event: int, after: int, kind: int, is_tied: bool) -> list[int]:
