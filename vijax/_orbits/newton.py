@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Reals, Scalar
+from .._jax.arrays import Reals, Scalar, array_namespace
 from .._jax.xla import in_lanes_of
 from .condensation import Pencil, condense, solve_condensed
 from .cycle import Problem, Residual, Unknowns, linearise, residual
@@ -25,7 +25,7 @@ _MAX_STEPS = 24
 
 
 def is_worth_a_step(
-    step: Reals, last: Reals, num_steps: Reals, most: int, tolerance: Reals | float = 0.0
+    step: Reals, last: Reals, num_steps: Reals, most: int, tolerance: Reals | float | None = None
 ) -> Any:
     """Flag, of JAX or of NumPy: Newton's method takes its next step.
 
@@ -34,11 +34,12 @@ def is_worth_a_step(
         last: size of the step before, infinite or very large if there is none.
         num_steps: number of steps so far.
         most: largest number of steps.
-        tolerance: size of a step below which the solution counts as found, instead of rounding.
+        tolerance: size of a step below which the solution counts as found; rounding, if left out.
     """
     is_rounding = (step < _ROUNDING * np.finfo(step.dtype).eps) | (has_converged(step) & (step >= last / 2))
-    is_found = is_rounding | (step < tolerance) | (last < _TINY)
-    return (num_steps < most) & ~is_found & (step < np.inf)
+    is_found = is_rounding | (last < _TINY)
+    is_found = is_found if tolerance is None else is_found | (step < tolerance)
+    return (num_steps < most) & ~is_found & array_namespace(step).isfinite(step)
 
 
 def has_converged(step: Reals) -> Any:

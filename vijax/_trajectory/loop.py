@@ -7,7 +7,8 @@ call with room for the whole request, see `single_call.py`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
+from operator import and_
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -130,10 +131,8 @@ class LoopTask(AbstractTask):
 
     def is_live(self, carry: Carry) -> Bool[Array, "..."]:
         """True where this call has work left: a finite motion, steps and goals, and no observer ends it."""
-        live = self.goes_on(carry)
-        for name, observer in self.observers.items():
-            live = live & observer.goes_on(carry.seen[name])
-        return live
+        flags = [observer.goes_on(carry.seen[name]) for name, observer in self.observers.items()]
+        return reduce(and_, (flag for flag in flags if flag is not None), self.goes_on(carry))
 
     def goes_on(self, carry: Any) -> Bool[Array, "..."]:
         """True where the motion is finite, and has steps and goals left."""
@@ -147,10 +146,10 @@ class LoopTask(AbstractTask):
     def step(self, carry: Carry) -> Carry:
         """Take one step, and record it."""
         state, live = carry.state, self.is_live(carry)
-        leg = self.fly_on(state, carry.goal)
+        leg = self.fly_on(state, carry.goal).in_lanes(live)
         return Carry(
             state=jax.tree.map(lambda new, old: jnp.where(live, new, old), leg.onward, state),
-            goal=carry.goal + (live & leg.is_goal),
+            goal=carry.goal + leg.is_goal,
             steps=carry.steps + live,
             is_finite=carry.is_finite & (is_finite(leg.after) | ~live),
             seen=self.observed(carry.seen, leg, live),

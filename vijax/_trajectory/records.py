@@ -44,6 +44,10 @@ class Leg(NamedTuple):
     is_goal: Bool[Array, "..."]
     goal: Int[Array, "..."]
 
+    def in_lanes(self, live: Flag) -> "Leg":
+        """The step as observers see it: of lanes that are not live no goal counts."""
+        return self._replace(is_goal=live & self.is_goal)
+
 
 class AbstractObserver(eqx.Module):
     """Observer of a motion, which keeps nothing itself: what it has seen is carried along."""
@@ -56,10 +60,9 @@ class AbstractObserver(eqx.Module):
     def update(self, machine: Machine, seen: Any, leg: Leg, live: Flag) -> Any:
         """Update what is seen by one step of the live lanes."""
 
-    def goes_on(self, seen: Any) -> Flag:
-        """Flag: the motion may go on."""
+    def goes_on(self, seen: Any) -> Flag | None:
+        """Flag: the motion may go on; None if this observer never ends it."""
         del seen
-        return jnp.array(True)
 
 
 class Logging(AbstractObserver):
@@ -110,8 +113,9 @@ class Saving(AbstractObserver):
         self, machine: Machine, seen: tuple[Array, Array], leg: Leg, live: Flag
     ) -> tuple[Array, Array]:
         """Save the state at a goal."""
+        del live
         x, v = machine.in_space(leg.onward)
-        (saved,) = put(live & leg.is_goal, Writing(seen, (x[None], v[None]), leg.goal))
+        (saved,) = put(leg.is_goal, Writing(seen, (x[None], v[None]), leg.goal))
         return saved
 
 

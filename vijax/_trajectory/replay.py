@@ -297,10 +297,10 @@ def _repeat_all(
         k, (state, goal, seen) = now
         row = jax.tree.map(lambda a: jax.lax.dynamic_index_in_dim(a, k, 0, keepdims=False), record)
         live = k < rows
-        leg = _repeat(task, state, goal, row, call)
+        leg = _repeat(task, state, goal, row, call).in_lanes(live)
         seen = task.observed(seen, leg, live)
         state = jax.tree.map(lambda new, old: jnp.where(live, new, old), leg.onward, state)
-        return k + 1, Repetition(state, goal + (live & leg.is_goal), seen)
+        return k + 1, Repetition(state, goal + leg.is_goal, seen)
 
     is_on = lambda now: is_any(now[0] < rows)  # noqa: E731
     return jax.lax.while_loop(is_on, one, (jnp.zeros_like(rows, shape=()), repeated))[1]
