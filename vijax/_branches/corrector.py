@@ -9,7 +9,8 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of
 from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, condense, solve_condensed
-from .._orbits.cycle import LinearCourse, Moment, linearise, linearise_course
+from .._orbits.cycle import Moment
+from .._orbits.linear_cycle import LinearCourse, linearise, linearise_course
 from .._orbits.newton import has_converged, is_worth_a_step
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, ParameterFamily

@@ -33,7 +33,8 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import compile_quickly
 from .._orbits.condensation import condense
-from .._orbits.cycle import Problem, Residual, Unknowns, linearise, residual
+from .._orbits.cycle import Problem, Residual, Unknowns, residual
+from .._orbits.linear_cycle import linearise
 from .._orbits.newton import has_converged, is_worth_a_step
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, ParameterFamily

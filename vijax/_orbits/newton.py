@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import Reals, Scalar, array_namespace
 from .._jax.xla import in_lanes_of
 from .condensation import Pencil, condense, solve_condensed
-from .cycle import Problem, Residual, Unknowns, linearise, residual
+from .cycle import Problem, Residual, Unknowns, residual
+from .linear_cycle import linearise
 
 # Steps are relative to the solution. `_CONVERGED`: step that has converged, the root of eps; one below it that is not under
 # half the last one is rounding. `_ROUNDING`: so is a step below so many eps, as residuals have the rounding of a few terms.

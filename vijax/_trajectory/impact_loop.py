@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import differentiable, while_any
-from .._machine.machine import moving_on_contacts
+from .._machine.first_state import moving_on_contacts
 from .._machine.numbers import MachineNumbers
 from .loop import UNLIMITED_STEPS, Carry, LoopArguments, LoopTask, begin_loop, first_carry
 from .records import ImpactCount

@@ -21,8 +21,9 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED_ALONE, Flag, Reals, Scalar
 from .._jax.packing import pack
 from .._jax.xla import AbstractTask, in_one_kernel, in_parts, not_constant, while_any
-from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
+from .._machine.machine import Machine, in_periods
 from .._machine.numbers import MachineNumbers
+from .._machine.preparation import AUTOMATIC_MAX_STEPS, default_max_steps, prepare
 from .._machine.state import State
 from .batched import row_of_lane, to_all
 from .event_log import event_log

@@ -12,8 +12,8 @@ from jaxtyping import Array, Bool, Float
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, UNROLLED_ALONE
 from .._jax.xla import AbstractTask, differentiable, in_lanes_of, not_constant, while_any
+from .._machine.laws import kinds_of_elements
 from .._machine.numbers import MachineNumbers, numbers_of
-from .._machine.switching import kinds_of_elements
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely

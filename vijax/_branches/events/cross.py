@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from ..._machine.switching import contacts_of_elements, kinds_of_elements
+from ..._machine.laws import contacts_of_elements, kinds_of_elements
 from ..._orbits.sequence import SECOND, Sequence
 from ..._system.system import machine_of
 from ..behind_event import corrected_on_sequence, step_off
