@@ -16,7 +16,7 @@ MOST = 30
 def iterate(function, slope, x, tolerance=0.0, dtype=np.float64):
     """Newton's method on a scalar equation; its result, its last step and the number of steps."""
     x, step, last, number = dtype(x), dtype(np.finfo(dtype).max), dtype(np.finfo(dtype).max), 0
-    while is_worth_a_step(step, last, number, MOST, tolerance):
+    while is_worth_a_step(step, last, number, MOST, tolerance=tolerance):
         change = dtype(function(x) / slope(x))
         x, step, last, number = dtype(x - change), np.abs(change), step, number + 1
     return x, step, number
@@ -41,6 +41,13 @@ def test_a_tolerance_ends_it_before_rounding():
     _, step, number = iterate(lambda x: x * x - 2, lambda x: 2 * x, 1.5, tolerance=1e-2)
     assert number < whole
     assert not has_converged(step)
+
+
+def test_behind_a_tiny_step_the_next_is_rounding():
+    step, last = np.float64(1e-14), np.float64(1e-12)
+    assert is_worth_a_step(step, last, 3, MOST)
+    assert not is_worth_a_step(step, last, 3, MOST, settled=1e-10)
+    assert is_worth_a_step(step, np.float64(1e-6), 3, MOST, settled=1e-10)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -62,7 +62,7 @@ _Iterate = tuple[ExtendedCycle, NewtonState, LinearCourse]
 
 def is_going_on(now: NewtonState, tolerance: Array) -> Array:
     """True where another Newton step is worth it."""
-    return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS, tolerance)
+    return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS, tolerance=tolerance)
 
 
 def is_converged(now: NewtonState) -> Array:

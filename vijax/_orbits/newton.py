@@ -20,25 +20,33 @@ from .linear_cycle import linearise
 # Steps are relative to the solution. `_CONVERGED`: step that has converged, the root of eps; one below it that is not under
 # half the last one is rounding. `_ROUNDING`: so is a step below so many eps, as residuals have the rounding of a few terms.
 _CONVERGED, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
-# The step after one below this is rounding, as steps shrink quadratically.
+# Step behind which the next is rounding.
 _TINY = 1e-10
 _MAX_STEPS = 24
 
 
 def is_worth_a_step(
-    step: Reals, last: Reals, num_steps: Reals, most: int, tolerance: Reals | float | None = None
+    step: Reals,
+    last: Reals,
+    num_steps: Reals,
+    most: int,
+    *,
+    tolerance: Reals | float | None = None,
+    settled: float | None = None,
 ) -> Any:
     """Flag, of JAX or of NumPy: Newton's method takes its next step.
 
     Args:
         step: size of the next step, relative to the solution.
-        last: size of the step before, infinite or very large if there is none.
+        last: size of the step before, very large if there is none.
         num_steps: number of steps so far.
         most: largest number of steps.
         tolerance: size of a step below which the solution counts as found; rounding, if left out.
+        settled: size of a step behind which the next is rounding, as steps shrink quadratically; without it that is computed, as
+            for branches, whose lengths of steps follow the number of Newton's.
     """
-    is_rounding = (step < _ROUNDING * np.finfo(step.dtype).eps) | (has_converged(step) & (step >= last / 2))
-    is_found = is_rounding | (last < _TINY)
+    is_found = (step < _ROUNDING * np.finfo(step.dtype).eps) | (has_converged(step) & (step >= last / 2))
+    is_found = is_found if settled is None else is_found | (last < settled)
     is_found = is_found if tolerance is None else is_found | (step < tolerance)
     return (num_steps < most) & ~is_found & array_namespace(step).isfinite(step)
 
@@ -92,7 +100,7 @@ def polish(problem: Problem, guess: Unknowns) -> Polished:
 
     def is_on(carry: tuple[Unknowns, Polished]) -> Array:
         now = carry[1]
-        return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS)
+        return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS, settled=_TINY)
 
     def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:
         here, before = carry

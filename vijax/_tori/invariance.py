@@ -40,7 +40,7 @@ def corrected(section: MapOfStates, guess: Circle, way: Circle) -> CorrectedCirc
     now, row, rate = guess, _row(way), rates(guess.states)
     size = last = np.float64(np.finfo(float).max)
     number = 0
-    while is_worth_a_step(size, last, number, _MAX_STEPS, _SMALL):
+    while is_worth_a_step(size, last, number, _MAX_STEPS, tolerance=_SMALL):
         equations, matrix = _linearised(section, now, rate, row)
         equations[-2] = np.sum((now.states - guess.states) * rate) / len(rate)
         equations[-1] = now.minus(guess).along(way)
