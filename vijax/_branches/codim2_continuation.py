@@ -271,19 +271,21 @@ def at_other_extremes(here: CurveState, peak: PeakQuantity) -> CurveState | End 
     extremes = extremes_at(here.defining.family, here.sequence, place)
     if is_at_its_extremes(condition, extremes, peak):
         return None
-    moved = _begun_with(here, peak_condition(here.defining.family, here.sequence, place, peak.words), place)
-    if moved is None or np.abs(moved.at.place.p - here.at.place.p).max() > ROUNDED:
-        return End(EndKind.OTHER_EXTREME)
-    return moved
-
-
-def _begun_with(here: CurveState, condition: AbstractCondition, place: ExtendedCycle) -> CurveState | None:
-    """The point with another condition that holds there, in the same direction; None if it does not hold."""
-    (_, place) = padded(here.sequence, (place,), len(here.defining.sequence.kind))
+    condition = peak_condition(here.defining.family, here.sequence, place, peak.words)
     try:
-        moved = begin_curve(replace(here.defining, condition=condition), place)
+        moved = _begun_beside(here, here.sequence, condition, place)
     except ValueError:
-        return None
+        return End(EndKind.OTHER_EXTREME)
+    is_there = np.abs(moved.at.place.p - here.at.place.p).max() <= ROUNDED
+    return moved if is_there else End(EndKind.OTHER_EXTREME)
+
+
+def _begun_beside(
+    here: CurveState, sequence: Sequence, condition: AbstractCondition, place: ExtendedCycle
+) -> CurveState:
+    """The point with other equations for it, in the same direction."""
+    (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
+    moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)
     moved = moved._replace(special=here.special)
     return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
 
@@ -302,10 +304,7 @@ def _in_section(here: CurveState, peak: PeakQuantity | None) -> CurveState:
         condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
     if peak is not None:
         condition = peak_condition(here.defining.family, sequence, place, peak.words)
-    (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
-    moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)
-    moved = moved._replace(special=here.special)
-    return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
+    return _begun_beside(here, sequence, condition, place)
 
 
 def _answer(here: CurveState, request: KernelCall[T]) -> T:
