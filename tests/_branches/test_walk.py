@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from vijax._branches.point import End
-from vijax._branches.requests import KernelCall, ask
+from vijax._branches.requests import HostCall, ask
 from vijax._branches.walk import AbstractCurve, at_once, walk_alone
+from vijax._orbits.sequence import empty_sequence
 
 WHOLE = 2 * np.pi
 
@@ -86,7 +87,7 @@ def test_plain_steps_may_fill_it():
 def test_one_that_requests_something_is_not_followed_alone():
     class Asking(UnitCircle):
         def step(self, here, ds, tried):
-            return ask(KernelCall(np.sin, None, ()))
+            return ask(HostCall(lambda family: family.span, empty_sequence(0, ())))
 
     with pytest.raises(RuntimeError, match="requested"):
         walk_alone(Asking(), 0.0, 0.25)

@@ -75,9 +75,9 @@ def contacts_of_elements(system: ImpactSystem) -> list[int]:
 
 def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
     """Laws of the elements of a machine, None if all its contacts are rigid; `of_contacts` makes an array of a list."""
-    if not system.is_switching:
-        return None
     kinds = kinds_of_elements(system)
+    if set(kinds) <= {RIGID}:
+        return None
     elements = [*system.stops, *system.friction, *system.hysteresis]
 
     def of(name: str, *own: int) -> Reals:

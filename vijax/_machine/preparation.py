@@ -59,7 +59,6 @@ def prepare(
         rate = rate + extra.rate(*start, numbers.mass)
     rate = jnp.maximum(rate, 1 / span)
     contacts = _contacts(numbers, rows, inverse_mass, walls)
-    is_switching = isinstance(contacts, SwitchingContacts)
     return Machine(
         damping=numbers.damping,
         stiffness=numbers.stiffness,
@@ -73,7 +72,9 @@ def prepare(
         can_stick=can_stick,
         extra=extra,
         frame=frame,
-        closed_rate=rate_with_closed(numbers, contacts, rate) if is_switching else None,
+        closed_rate=rate_with_closed(numbers, contacts, rate)
+        if isinstance(contacts, SwitchingContacts)
+        else None,
         num_states=numbers.num_states,
         tables=_tables(numbers, start[0], frequency),
         base=numbers.base,
