@@ -1,7 +1,7 @@
 """Random machines with friction of contacts, for `coulomb_bodies.py` and for vijax; many numbers are equal, zero or round."""
 
 import numpy as np
-from coulomb_bodies import Bodies, Rubbing, Slider
+from coulomb_flow import Bodies, Rubbing, Slider
 from resting_bodies import Rigid, Soft
 
 import vijax as vx

@@ -4,83 +4,51 @@ One table is written in two forms: text, and HTML without colours, which takes o
 only ranges, traced values only shapes. Nothing here may raise: prints are often made because something went wrong.
 """
 
-import html
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
+from ._descriptions import Description
 from ._jax.concrete import concrete
+from ._written_numbers import (
+    MOST_NUMBERS,
+    as_number,
+    counted,
+    is_zero,
+    written_batch,
+    written_beside,
+    written_numbers,
+    written_shape,
+    written_short,
+)
 
-# _NUMBERS: most numbers of a vector that are shown.
-# _ROWS: most rows of a matrix.
-# _STOPS: most stops of a machine.
+# _STOPS: most stops of a machine that are shown.
 # _EVENTS: most events of a log.
-_NUMBERS, _ROWS, _STOPS, _EVENTS = 6, 3, 3, 7
-_WIDTH = 90
+_STOPS, _EVENTS = 3, 7
 _COLUMNS = ("t", "kind", "stop", "velocity_minus", "velocity_plus", "impulse")
-
-
-class Description(NamedTuple):
-    """A title, and rows whose first cell labels the others."""
-
-    title: str
-    rows: list[tuple[str, ...]]
-
-
-def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
-    """Format a description in aligned columns."""
-    described = _safe_description(tell, thing, *words)
-    if described is None:
-        return eqx.tree_pformat(thing)
-    columns = max((len(row) for row in described.rows), default=0)
-    widths = [max(len(row[k]) for row in described.rows if k < len(row)) for k in range(columns)]
-    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in described.rows]
-    return "\n".join([described.title, *(f"  {line}" for line in lines)])
-
-
-def as_html(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
-    """Format a description as an HTML table."""
-    described = _safe_description(tell, thing, *words)
-    if described is None:
-        return f"<pre>{html.escape(eqx.tree_pformat(thing))}</pre>"
-    left = 'style="text-align: left"'
-    rows = [
-        f"<tr><th {left}>{html.escape(row[0])}</th>"
-        + "".join(f"<td {left}>{html.escape(cell)}</td>" for cell in row[1:])
-        + "</tr>"
-        for row in described.rows
-    ]
-    return f"<div>{html.escape(described.title)}</div><table>{''.join(rows)}</table>"
-
-
-def _safe_description(tell: Callable[..., Description], thing: Any, *words: Any) -> Description | None:
-    """Description of an object; None if its fields are odd or missing."""
-    try:
-        return tell(thing, *words)
-    except Exception:
-        return None
 
 
 def describe_harmonic(harmonic: Any) -> Description:
     """Describe a load, or the motion of a stop, which has no frequency."""
-    batch = _batch((harmonic.frequency, 0), (harmonic.mean, 1))
+    batch = written_batch((harmonic.frequency, 0), (harmonic.mean, 1))
     own = harmonic.amplitude.ndim - len(batch)
-    rows = [("amplitude", _numbers(harmonic.amplitude, own))]
+    rows = [("amplitude", written_numbers(harmonic.amplitude, own))]
     if harmonic.frequency is not None:
-        rows.append(("frequency", _numbers(harmonic.frequency, 0)))
+        rows.append(("frequency", written_numbers(harmonic.frequency, 0)))
     parts = (("phase", harmonic.phase, own), ("mean", harmonic.mean, 1))
-    rows += [(name, _numbers(value, own)) for name, value, own in parts if not _is_zero(value)]
+    rows += [(name, written_numbers(value, own)) for name, value, own in parts if not is_zero(value)]
     kind = harmonic.num_harmonics(len(batch))
-    return Description(f"Harmonic with {_count(kind, 'harmonic')}{_beside(harmonic.amplitude, batch)}", rows)
+    return Description(
+        f"Harmonic with {counted(kind, 'harmonic')}{written_beside(harmonic.amplitude, batch)}", rows
+    )
 
 
 def describe_tabulated(load: Any) -> Description:
     """Describe a load by a table in time."""
     knots = concrete(load.times)
-    span = _shape(load.times) if knots is None else f"{knots.min():.6g} to {knots.max():.6g}"
+    span = written_shape(load.times) if knots is None else f"{knots.min():.6g} to {knots.max():.6g}"
     return Description(f"Tabulated load, {_table(load.times, load)}", [("times", span), _largest(load)])
 
 
@@ -88,7 +56,7 @@ def describe_waveform(load: Any) -> Description:
     """Describe a wave form; one in a sum may have no frequency of its own."""
     rows = [_largest(load)]
     if load.frequency is not None:
-        rows.append(("frequency", _numbers(load.frequency, 0)))
+        rows.append(("frequency", written_numbers(load.frequency, 0)))
     return Description(f"Waveform, {_table(load.phases, load)}", rows)
 
 
@@ -96,8 +64,8 @@ def describe_loads(loads: Any) -> Description:
     """Describe a sum of loads, one on each line."""
     rows = [(f"load {k}", _load(load)) for k, load in enumerate(loads.loads)]
     if loads.common is not None:
-        rows.append(("frequency", _numbers(loads.common, 0)))
-    return Description(f"Sum of {_count(len(loads.loads), 'load')}", rows)
+        rows.append(("frequency", written_numbers(loads.common, 0)))
+    return Description(f"Sum of {counted(len(loads.loads), 'load')}", rows)
 
 
 def _load(load: Any) -> str:
@@ -112,12 +80,15 @@ def _load(load: Any) -> str:
 
 
 def _table(knots: Any, load: Any) -> str:
-    return f"{load.kind}, {_count(len(knots), 'knot')}{_beside(load.values, knots.shape[1:])}"
+    return f"{load.kind}, {counted(len(knots), 'knot')}{written_beside(load.values, knots.shape[1:])}"
 
 
 def _largest(load: Any) -> tuple[str, str]:
     values = concrete(load.values)
-    return ("largest", _shape(load.values) if values is None else _numbers(abs(values).max(axis=0), 1))
+    return (
+        "largest",
+        written_shape(load.values) if values is None else written_numbers(abs(values).max(axis=0), 1),
+    )
 
 
 def _load_rows(forcing: Any) -> list[tuple[str, ...]]:
@@ -127,39 +98,39 @@ def _load_rows(forcing: Any) -> list[tuple[str, ...]]:
         return [("load", _line(load[:2])), *([("", _line(load[2:]))] if load[2:] else [])]
     lines = [_load(load) for load in forcing.loads]
     if len(lines) > 1 and forcing.common is not None:
-        lines.append(f"frequency {_numbers(forcing.common, 0)}")
+        lines.append(f"frequency {written_numbers(forcing.common, 0)}")
     return [("" if k else "load", line) for k, line in enumerate(lines)]
 
 
 def describe_stop(stop: Any) -> Description:
     """Describe a stop on one line."""
-    batch = _batch((stop.position, 0), (stop.light_restitution, 0))
-    return Description(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
+    batch = written_batch((stop.position, 0), (stop.light_restitution, 0))
+    return Description(f"Stop of mass {stop.mass}: {_wall(stop)}{written_beside(stop.position, batch)}", [])
 
 
 def describe_contact(contact: Any) -> Description:
     """Describe a contact on one line."""
-    batch = _batch((contact.position, 0), (contact.light_restitution, 0))
-    return Description(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
+    batch = written_batch((contact.position, 0), (contact.light_restitution, 0))
+    return Description(f"Contact: {_wall(contact)}{written_beside(contact.position, batch)}", [])
 
 
 def describe_compliant(stop: Any) -> Description:
     """Describe a compliant stop or contact on one line."""
-    batch = _batch((stop.position, 0), (stop.stiffness, 0))
+    batch = written_batch((stop.position, 0), (stop.stiffness, 0))
     who = f"Compliant stop of mass {stop.mass}" if stop.slot else "Compliant contact"
-    return Description(f"{who}: {_wall(stop)}{_beside(stop.position, batch)}", [])
+    return Description(f"{who}: {_wall(stop)}{written_beside(stop.position, batch)}", [])
 
 
 def describe_friction(element: Any) -> Description:
     """Describe a friction element on one line."""
-    batch = _batch((element.slip, 0), (element.velocity, 0))
-    return Description(f"Friction: {_rubbing(element)}{_beside(element.slip, batch)}", [])
+    batch = written_batch((element.slip, 0), (element.velocity, 0))
+    return Description(f"Friction: {_rubbing(element)}{written_beside(element.slip, batch)}", [])
 
 
 def describe_hysteresis(element: Any) -> Description:
     """Describe a Jenkins element on one line."""
-    batch = _batch((element.stiffness, 0), (element.limit, 0))
-    return Description(f"Jenkins: {_slider(element)}{_beside(element.stiffness, batch)}", [])
+    batch = written_batch((element.stiffness, 0), (element.limit, 0))
+    return Description(f"Jenkins: {_slider(element)}{written_beside(element.stiffness, batch)}", [])
 
 
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
@@ -169,29 +140,29 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
     walls = [(value, 0) for stop, law in zip(stops, laws, strict=True) for value in (stop.position, law)]
     walls += [(element.slip, 0) for element in system.friction]
     walls += [(element.limit, 0) for element in system.hysteresis]
-    batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
-    masses = _count(system.stiffness.shape[-1] - system.num_states, "mass", "masses")
+    batch = written_batch((system.damping, 2), (forcing.frequency, 0), *walls)
+    masses = counted(system.stiffness.shape[-1] - system.num_states, "mass", "masses")
     if system.num_states:
-        masses = f"{masses}, {_count(system.num_states, 'first-order state')}"
+        masses = f"{masses}, {counted(system.num_states, 'first-order state')}"
     rows = [
-        ("mass", _numbers(system.mass, 2 if system.has_full_mass else 1)),
-        ("damping", _numbers(system.damping, 2)),
-        ("stiffness", _numbers(system.stiffness, 2)),
+        ("mass", written_numbers(system.mass, 2 if system.has_full_mass else 1)),
+        ("damping", written_numbers(system.damping, 2)),
+        ("stiffness", written_numbers(system.stiffness, 2)),
         *_load_rows(forcing),
     ]
     for j, stop in enumerate(stops[:_STOPS]):
         name, whose = ("stop", f"mass {stop.mass}, ") if stop.slot else ("contact", "")
         rows.append((f"{name} {j}", f"{whose}{_wall(stop)}"))
     if len(stops) > _STOPS:
-        rows.append(("...", _count(len(stops) - _STOPS, "more stop")))
+        rows.append(("...", counted(len(stops) - _STOPS, "more stop")))
     rows += _rows_of("friction", system.friction, _rubbing) + _rows_of(
         "hysteresis", system.hysteresis, _slider
     )
     if system.force is not None:
-        rows.append(("force", _short(name_of_force(jax.tree.map(_as_number, system.force)))))
-    count = _count(len(stops), "stop")
+        rows.append(("force", written_short(name_of_force(jax.tree.map(as_number, system.force)))))
+    count = counted(len(stops), "stop")
     count += "".join(f", with {name}" for name in ("friction", "hysteresis") if getattr(system, name))
-    return Description(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
+    return Description(f"ImpactSystem of {masses} and {count}{written_beside(system.mass, batch)}", rows)
 
 
 def words_of_kind(system: Any) -> str:
@@ -208,7 +179,7 @@ def words_of_kind(system: Any) -> str:
         (len(rigid) - num_alone, "contact", None),
         (num_alone, "stop", None),
     )
-    words = [_count(*own) for own in counts if own[0]]
+    words = [counted(*own) for own in counts if own[0]]
     words += ["a force"] * (system.force is not None)
     return " and ".join([", ".join(words[:-1])] * (len(words) > 1) + words[-1:])
 
@@ -217,9 +188,11 @@ def describe_events(log: Any, kinds: Sequence[str]) -> Description:
     """Describe the first and the last events of a log."""
     kind = concrete(log.kind)
     room, batch = log.t.shape[-1], log.t.shape[:-1]
-    title = f"EventLog with room for {_count(room, 'event')}{_beside(log.t, batch)}"
+    title = f"EventLog with room for {counted(room, 'event')}{written_beside(log.t, batch)}"
     if kind is None:
-        return Description(title, [(name, _shape(getattr(log, name))) for name in ("t", "stop", "kind")])
+        return Description(
+            title, [(name, written_shape(getattr(log, name))) for name in ("t", "stop", "kind")]
+        )
     title += f": {_kinds(kind, kinds)}"
     count = int(np.count_nonzero(kind >= 0))
     if batch or not count:
@@ -247,18 +220,21 @@ def describe_solution(solution: Any, results: Sequence[str], kinds: Sequence[str
     batch, log = solution.t1.shape, solution.events
     kind, held = concrete(log.kind), concrete(solution.stuck1)
     code = concrete(solution.result._value)
-    span = f"t = {_numbers(solution.t0, 0)} to {_numbers(solution.t1, 0)}"
+    span = f"t = {written_numbers(solution.t0, 0)} to {written_numbers(solution.t1, 0)}"
     rows = [
-        ("result", _shape(solution.result._value) if code is None else _results(code, results)),
-        ("events", _shape(log.kind) if kind is None else _kinds(kind, kinds)),
-        ("x1", _numbers(solution.x1, 1)),
-        ("v1", _numbers(solution.v1, 1)),
-        ("stuck1", _shape(solution.stuck1) if held is None else _held(held)),
+        ("result", written_shape(solution.result._value) if code is None else _results(code, results)),
+        ("events", written_shape(log.kind) if kind is None else _kinds(kind, kinds)),
+        ("x1", written_numbers(solution.x1, 1)),
+        ("v1", written_numbers(solution.v1, 1)),
+        ("stuck1", written_shape(solution.stuck1) if held is None else _held(held)),
         ("grazing", _grazing(solution.grazing)),
-        ("ts", f"{_count(solution.ts.shape[-1], 'saved state')}, xs {list(solution.xs.shape)}"),
-        ("steps", f"{_numbers(solution.num_steps, 0)}, rejected {_numbers(solution.num_rejected, 0)}"),
+        ("ts", f"{counted(solution.ts.shape[-1], 'saved state')}, xs {list(solution.xs.shape)}"),
+        (
+            "steps",
+            f"{written_numbers(solution.num_steps, 0)}, rejected {written_numbers(solution.num_rejected, 0)}",
+        ),
     ]
-    return Description(f"Solution from {span}{_beside(solution.t1, batch)}", rows)
+    return Description(f"Solution from {span}{written_beside(solution.t1, batch)}", rows)
 
 
 def describe_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> Description:
@@ -266,14 +242,18 @@ def describe_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> 
     kind, code = concrete(orbit.events.kind), concrete(orbit.result._value)
     multipliers = concrete(orbit.multipliers)
     rows = [
-        ("result", _shape(orbit.result._value) if code is None else _results(code, results)),
-        ("x0, v0", f"{_numbers(orbit.x0, 1)}, {_numbers(orbit.v0, 1)}"),
-        ("events", _shape(orbit.events.kind) if kind is None else _kinds(kind, kinds)),
-        ("multipliers", _shape(orbit.multipliers) if multipliers is None else _judged(orbit, multipliers)),
+        ("result", written_shape(orbit.result._value) if code is None else _results(code, results)),
+        ("x0, v0", f"{written_numbers(orbit.x0, 1)}, {written_numbers(orbit.v0, 1)}"),
+        ("events", written_shape(orbit.events.kind) if kind is None else _kinds(kind, kinds)),
+        (
+            "multipliers",
+            written_shape(orbit.multipliers) if multipliers is None else _judged(orbit, multipliers),
+        ),
     ]
-    n = _count(orbit.num_periods, "forcing period")
+    n = counted(orbit.num_periods, "forcing period")
     return Description(
-        f"PeriodicOrbit of {n}, {_numbers(orbit.period, 0)}{_beside(orbit.x0, orbit.period.shape)}", rows
+        f"PeriodicOrbit of {n}, {written_numbers(orbit.period, 0)}{written_beside(orbit.x0, orbit.period.shape)}",
+        rows,
     )
 
 
@@ -281,7 +261,7 @@ def _judged(orbit: Any, multipliers: np.ndarray) -> str:
     if multipliers.ndim > 1:
         return f"{np.count_nonzero(orbit.is_stable)} of {orbit.is_stable.size} stable"
     described = " ".join(
-        f"{a.real:.6g}" if a.imag == 0 else f"{a:.6g}" for a in multipliers[:_NUMBERS].tolist()
+        f"{a.real:.6g}" if a.imag == 0 else f"{a:.6g}" for a in multipliers[:MOST_NUMBERS].tolist()
     )
     return (
         described
@@ -297,18 +277,18 @@ def _line(rows: list[tuple[str, ...]]) -> str:
 def _wall(stop: Any) -> str:
     motion, side = stop.motion, "<=" if stop.sign > 0 else ">="
     row = "x" if stop.slot else _sum(stop)
-    moving = "" if motion is None else f" + motion of amplitude {_numbers(motion.amplitude, 1)}"
+    moving = "" if motion is None else f" + motion of amplitude {written_numbers(motion.amplitude, 1)}"
     law = _compliance(stop) if stop.is_compliant else f"restitution {_restitution(stop.restitution)}"
-    return f"{row} {side} {_numbers(stop.position, 0)}{moving}, {law}"
+    return f"{row} {side} {written_numbers(stop.position, 0)}{moving}, {law}"
 
 
 def _compliance(stop: Any) -> str:
     others = (
-        f"{name} {_numbers(getattr(stop, name), 0)}"
+        f"{name} {written_numbers(getattr(stop, name), 0)}"
         for name in ("damping", "preload")
-        if not _is_zero(getattr(stop, name))
+        if not is_zero(getattr(stop, name))
     )
-    return ", ".join([f"stiffness {_numbers(stop.stiffness, 0)}", *others])
+    return ", ".join([f"stiffness {written_numbers(stop.stiffness, 0)}", *others])
 
 
 def _rows_of(name: str, elements: Sequence[Any], tell: Callable[[Any], str]) -> list[tuple[str, ...]]:
@@ -320,28 +300,30 @@ def _rows_of(name: str, elements: Sequence[Any], tell: Callable[[Any], str]) -> 
 
 def _rubbing(element: Any) -> str:
     given = element.static_coefficient if element.is_tied else element.static
-    static = "" if given is None else f", static {_numbers(given, 0)}"
+    static = "" if given is None else f", static {written_numbers(given, 0)}"
     name = f"contact {element.contact}, coefficient" if element.is_tied else "force"
-    belt = "" if _is_zero(element.velocity) else f", surface of velocity {_numbers(element.velocity, 0)}"
-    return f"of {_sum(element)}, {name} {_numbers(element.slip, 0)}{static}{belt}"
+    belt = (
+        "" if is_zero(element.velocity) else f", surface of velocity {written_numbers(element.velocity, 0)}"
+    )
+    return f"of {_sum(element)}, {name} {written_numbers(element.slip, 0)}{static}{belt}"
 
 
 def _slider(element: Any) -> str:
-    start = "" if element.slider is None else f", slider at {_numbers(element.slider, 0)}"
-    stiffness, limit = _numbers(element.stiffness, 0), _numbers(element.limit, 0)
+    start = "" if element.slider is None else f", slider at {written_numbers(element.slider, 0)}"
+    stiffness, limit = written_numbers(element.stiffness, 0), written_numbers(element.limit, 0)
     return f"of {_sum(element)}, stiffness {stiffness}, limit {limit}{start}"
 
 
 def _restitution(value: Any) -> str:
     """A number, or a law, which describes itself."""
-    return _numbers(value, 0) if hasattr(value, "ndim") else repr(value)
+    return written_numbers(value, 0) if hasattr(value, "ndim") else repr(value)
 
 
 def _sum(contact: Any) -> str:
     """Row of a contact times the positions, as text: x0 - x1."""
     row = concrete(contact.row)
     if row is None or row.ndim > 1:
-        return f"row {_shape(contact.row)} on masses {list(contact.masses)}"
+        return f"row {written_shape(contact.row)} on masses {list(contact.masses)}"
     terms = zip(row.tolist(), contact.masses, strict=True)
     described = " ".join(
         f"{'-' if a < 0 else '+'} {'' if abs(a) == 1 else f'{abs(a):.6g} '}x{i}" for a, i in terms
@@ -362,7 +344,7 @@ def _kinds(kind: np.ndarray, kinds: Sequence[str]) -> str:
     """Numbers of events: of impacts, sticks and releases always, of other kinds where there are any."""
     counts = [int(np.count_nonzero(kind == k)) for k in range(len(kinds))]
     named = zip(counts, kinds, strict=True)
-    return ", ".join(_count(count, name) for k, (count, name) in enumerate(named) if count or k < _RIGID)
+    return ", ".join(counted(count, name) for k, (count, name) in enumerate(named) if count or k < _RIGID)
 
 
 def _held(held: np.ndarray) -> str:
@@ -370,73 +352,13 @@ def _held(held: np.ndarray) -> str:
         lanes = held.reshape(-1, held.shape[-1]).any(axis=-1)
         return f"some stop holds its mass in {np.count_nonzero(lanes)} of {lanes.size}"
     stops = np.flatnonzero(held)
-    return f"mass held by stop {_numbers(stops, 1)}" if stops.size else "no mass is held"
+    return f"mass held by stop {written_numbers(stops, 1)}" if stops.size else "no mass is held"
 
 
 def _grazing(grazing: Any) -> str:
     speed, clearance, near = map(concrete, (grazing.impact_speed, grazing.clearance, grazing.is_near))
     if speed is None or clearance is None or near is None:
-        return _shape(grazing.impact_speed)
+        return written_shape(grazing.impact_speed)
     least = [f"{a.min():.6g}" if np.isfinite(a.min()) else "none" for a in (speed, clearance)]
     doubt = ", near: derivatives are unreliable or one-sided" if near.any() else ""
     return f"slowest impact {least[0]}, narrowest miss {least[1]}{doubt}"
-
-
-def _numbers(value: Any, own: int) -> str:
-    """Numbers of an array with `own` axes of its own, as text; their range if it is a batch."""
-    known = concrete(value) if isinstance(value, jax.Array | np.ndarray) else None
-    if known is None:
-        return _shape(value)
-    if known.ndim > own:
-        low, high = (f"{a:.6g}" for a in (known.min(), known.max())) if known.size else ("none", "none")
-        return low if low == high else f"{low} to {high}"
-    if own < 2:
-        return _row(known.ravel(), known.size > _NUMBERS)
-    rows, columns = known.shape
-    if rows <= _ROWS and columns <= _ROWS:
-        return " ".join(f"[{_row(row)}]" for row in known)
-    if rows == columns:
-        return f"{rows} x {rows}, diagonal {_row(np.diag(known), rows > _NUMBERS)}"
-    return f"{rows} x {columns}, the largest {np.abs(known).max():.6g}"
-
-
-def _row(values: np.ndarray, is_cut: bool = False) -> str:
-    if is_cut:
-        return f"{_row(values[:3])} ... {_row(values[-1:])} ({values.size} numbers)"
-    return " ".join(f"{a:.6g}" for a in values.tolist())
-
-
-def _shape(value: Any) -> str:
-    """Dtype and shape of a traced array."""
-    if isinstance(value, jax.Array | np.ndarray | jax.ShapeDtypeStruct):
-        return f"{value.dtype}{list(value.shape)}"
-    return _short(eqx.tree_pformat(value, width=10**6))
-
-
-def _beside(value: Any, batch: tuple[int, ...]) -> str:
-    """Remarks for a title: shape of a batch, reduced precision."""
-    lanes = f", a batch of shape {batch}" if batch else ""
-    return lanes if value.dtype == np.float64 else f"{lanes}, {value.dtype}"
-
-
-def _batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
-    """Batch axes: the leading axes of fields in front of their own."""
-    return max((a.shape[: a.ndim - own] for a, own in fields if a is not None), key=len)
-
-
-def _is_zero(value: Any) -> bool:
-    known = concrete(value)
-    return known is not None and not known.any()
-
-
-def _as_number(leaf: Any) -> Any:
-    known = concrete(leaf)
-    return leaf if known is None or known.ndim else float(known)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 4]} ..."
-
-
-def _count(count: int, one: str, several: str | None = None) -> str:
-    return f"{count} {one if count == 1 else several or one + 's'}"

@@ -10,7 +10,8 @@ from vijax._branches.kernels import CycleEquations
 from vijax._branches.padding import padded, room_for
 from vijax._branches.start_points import points_of
 from vijax._branches.starts import families_of, starting_orbits
-from vijax._orbits.cycle import linearise_course, traverse
+from vijax._orbits.cycle import traverse
+from vijax._orbits.linear_cycle import linearise_course
 
 FREQUENCY = "forcing.frequency"
 # Rounding, of rates up to 10.

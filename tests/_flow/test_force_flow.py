@@ -13,8 +13,9 @@ from vijax._flow import force_choice, force_flow
 from vijax._flow.choose import choose_flow
 from vijax._flow.diffrax_flow import DiffraxFlow
 from vijax._flow.series_length import motion_limit
-from vijax._machine.machine import prepare, state_before_contact
+from vijax._machine.first_state import state_before_contact
 from vijax._machine.numbers import numbers_of
+from vijax._machine.preparation import prepare
 from vijax._system.system import bound
 
 pytestmark = pytest.mark.thorough

@@ -9,8 +9,8 @@ import pytest
 import vijax as vx
 from vijax._flow.choose import choose_flow
 from vijax._lanes.transform import lanes_last
-from vijax._machine.machine import prepare
 from vijax._machine.numbers import numbers_of
+from vijax._machine.preparation import prepare
 from vijax._machine.state import start_period
 from vijax._trajectory.step import advance, initial_state
 

@@ -8,7 +8,8 @@ import pytest
 from responses import LOAD, UNEVEN, amplitudes, matrices, response_at
 
 import vijax as vx
-from vijax._machine.machine import Machine, prepare
+from vijax._machine.machine import Machine
+from vijax._machine.preparation import prepare
 from vijax._sections.non_impacting_proof import highest, never_hits
 from vijax._sections.response import modes_of, residual_vibration, response_of
 from vijax._trajectory.concrete_machine import known_machine

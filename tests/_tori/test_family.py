@@ -37,8 +37,8 @@ class NormalForm(NamedTuple):
 
 
 def followed(section, limits=LIMITS):
-    family = TorusFamily(section, limits)
-    family.follow(*first_circle(np.zeros(2), np.array([1.0, -1j]), section.rotation, 0.0), lambda: None)
+    family = TorusFamily(section, limits, lambda: None)
+    family.follow(first_circle(np.zeros(2), np.array([1.0, -1j]), section.rotation, 0.0))
     return family
 
 

@@ -7,7 +7,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "vijax"
 ORDER = (
-    "_writing _signatures _jax _calls _lanes _series _printing _progress _dataset_attributes _dataset_checks _system models _machine _hybrid _flow _trajectory "
+    "_writing _signatures _jax _calls _lanes _series _written_numbers _descriptions _printing _progress _dataset_attributes _dataset_checks _system models _machine _hybrid _flow _trajectory "
     "_execution _sweep _sections _orbits _attractors _charts _branches _manifolds _tori _precompile plot studio __main__ __init__"
 ).split()
 FILES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))

@@ -274,6 +274,11 @@ def test_a_click_and_a_slider_show_another_motion(page, sweep):
         page.set_viewport_size({"width": width, "height": 1000})
         page.wait_for_timeout(500)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert_all_is_saved(page)
+
+
+def assert_all_is_saved(page) -> None:
+    """Pictures, events and the code that makes them again."""
     with page.expect_download() as download:
         page.get_by_text("save all").click()
     names = zipfile.ZipFile(download.value.path()).namelist()

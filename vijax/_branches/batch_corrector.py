@@ -16,7 +16,7 @@ from jaxtyping import Array
 from .._flow.modal import ModalFlow
 from .._jax.arrays import shapes_of_lane
 from .._lanes.kernels import kernel_of, pruned
-from .._machine.tables import is_by_tables
+from .._machine.table_numbers import is_by_tables
 from .._orbits.condensation import Pencil
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import closing_pin

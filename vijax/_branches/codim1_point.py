@@ -8,8 +8,9 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import Reals
 from .._jax.xla import jit_quickly
 from .._orbits.condensation import condense
-from .._orbits.cycle import linearise, residual_and_moments
+from .._orbits.cycle import residual_and_moments
 from .._orbits.floquet import floquet_multipliers
+from .._orbits.linear_cycle import linearise
 from .._orbits.rigid_modes import all_shifts
 from .._orbits.search import frame_offset
 from .._orbits.sequence import Sequence, num_erased

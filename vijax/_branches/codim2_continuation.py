@@ -1,14 +1,13 @@
 """Continuation of a curve of bifurcations in the plane of two parameters, in one direction."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .._progress import tqdm
 from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
@@ -19,7 +18,8 @@ from .parameter_family import ExtendedCycle
 from .peak_condition import AtPeak
 from .peak_quantities import PeakQuantity
 from .peak_setup import extremes_at, is_at_its_extremes, peak_condition
-from .requests import KernelCall, T, location_on, simulation_of
+from .point import End
+from .requests import KernelCall, Requests, T, location_on, simulation_of
 from .scheduler import answer
 from .sequence_edits import passed_section, shifted
 from .tolerances import (
@@ -29,9 +29,9 @@ from .tolerances import (
     LEAST_COSINE,
     LONGEST_ON_CURVE,
     ROUNDED,
-    SHORTEST_STEP,
     TRUSTED,
 )
+from .walk import AbstractCurve, at_once, walk_alone
 
 # `_FEW`: largest number of Newton iterations after which steps grow.
 # `_MANY`: largest number of Newton iterations of an accepted step.
@@ -108,55 +108,93 @@ def begin_curve(defining: DefiningSystem, place: ExtendedCycle) -> CurveState:
     return CurveState(seen, defining)
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Curve of bifurcations to follow.
+class _CurveStep(NamedTuple):
+    """Step along a curve.
+
+    Attributes:
+        points: special points on it and, unless the curve ends before, its last point.
+        next_length: length of the next step.
+        end: reason why the curve ends there, or "".
+    """
+
+    points: list[CurveState]
+    next_length: float
+    end: str = ""
+
+
+@dataclass
+class Curve(AbstractCurve[CurveState, _CurveStep]):
+    """Curve of bifurcations in one direction.
 
     Attributes:
         kind: of the bifurcation.
         box: bounds of both parameters in their scale, (2, 2).
         most: largest number of points.
+        begun: the first point, which is not one of `found`.
+        note: called with the number of new points.
         peak: the quantity of a peak, or None.
+        found: points so far.
+        why: reason why the last step was too long.
     """
 
     kind: str
     box: np.ndarray
     most: int
+    begun: CurveState
+    note: Callable[[int], object]
     peak: PeakQuantity | None = None
+    found: list[CurveState] = field(default_factory=list)
+    why: str = ""
 
-    def follow(self, begun: CurveState, bar: tqdm, found: list[CurveState]) -> str:
-        """Append the points in the direction of `begun` to `found`; return why they end."""
-        here, ds, why = begun, FIRST_STEP, ""
-        while len(found) < self.most:
-            if ds < SHORTEST_STEP:
-                return why
-            new = _step(here, ds)
-            if new is None:
-                ds, why = ds / 2, EndKind.NOT_CONVERGED
-                continue
-            bound = self._at_bound(here, new.at)
-            points, end = self._met(here, new if bound is None else bound)
-            if end:
-                found += points
-                return end
-            # An event that passes the start of the cycle only renumbers the events.
-            points[-1] = _in_section(points[-1], self.peak)
-            if self.peak is not None and (other := at_other_extremes(points[-1], self.peak)) is not None:
-                if isinstance(other, str):
-                    return other
-                points[-1] = other
-            if not _is_followed(points[-1]):
-                ds, why = ds / 2, EndKind.LEFT_THE_STOPS
-                continue
-            found += points
-            bar.update(len(points))
-            if bound is not None:
-                return EndKind.BOUNDS
-            if len(found) > 2 and _is_back(begun.at, here.at, new.at):
-                return EndKind.CLOSED
-            here = found[-1]
-            ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), LONGEST_ON_CURVE)
-        return EndKind.MAX_POINTS
+    @property
+    def is_full(self) -> bool:
+        return len(self.found) >= self.most
+
+    def follow(self) -> str:
+        """Add points to the end of the curve; return why it ends."""
+        end = walk_alone(self, self.begun, FIRST_STEP)
+        return end.kind if end else EndKind.MAX_POINTS
+
+    def step(self, here: CurveState, ds: float, tried: None) -> Requests[_CurveStep | End | None]:
+        """Make a step with its special points; None if it is too long, or leads to a cycle that the machine does not follow."""
+        del tried
+        return at_once(self._step(here, ds))
+
+    def take(self, here: CurveState, step: _CurveStep) -> Requests[tuple[CurveState, float] | End]:
+        """Add the points of a step."""
+        self.found += step.points
+        self.note(len(step.points))
+        return at_once(End(step.end) if step.end else (step.points[-1], step.next_length))
+
+    def beyond(self, here: CurveState) -> Requests[End]:
+        """End where no step is short enough."""
+        del here
+        return at_once(End(self.why))
+
+    def _step(self, here: CurveState, ds: float) -> _CurveStep | End | None:
+        new = _next_point(here, ds)
+        if new is None:
+            self.why = EndKind.NOT_CONVERGED
+            return None
+        bound = self._at_bound(here, new.at)
+        points, end = self._met(here, new if bound is None else bound)
+        if end:
+            return _CurveStep(points, ds, end)
+        # An event that passes the start of the cycle only renumbers the events.
+        points[-1] = _in_section(points[-1], self.peak)
+        if self.peak is not None and (other := at_other_extremes(points[-1], self.peak)) is not None:
+            if isinstance(other, End):
+                return other
+            points[-1] = other
+        if not _is_followed(points[-1]):
+            self.why = EndKind.LEFT_THE_STOPS
+            return None
+        if bound is not None:
+            end = EndKind.BOUNDS
+        elif len(self.found) + len(points) > 2 and _is_back(self.begun.at, here.at, new.at):
+            end = EndKind.CLOSED
+        longer = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), LONGEST_ON_CURVE)
+        return _CurveStep(points, longer, end)
 
     def _at_bound(self, here: CurveState, new: CurvePoint) -> CurveNeighbourhood | None:
         """Point of the curve at the first bound between two points, or None."""
@@ -201,7 +239,7 @@ class Curve:
                 yield s, test, seen
 
 
-def _step(here: CurveState, ds: float) -> CurveNeighbourhood | None:
+def _next_point(here: CurveState, ds: float) -> CurveNeighbourhood | None:
     """Next point, or None if the curve is too curved for such a step."""
     new = here.ahead(ds)
     at = new.at
@@ -226,26 +264,28 @@ def _is_back(begun: CurvePoint, here: CurvePoint, new: CurvePoint) -> bool:
     return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < CURVE_IS_BACK * np.linalg.norm(way))
 
 
-def at_other_extremes(here: CurveState, peak: PeakQuantity) -> "CurveState | str | None":
-    """The point with the extremes of its cycle where these lie on other flights than before; why the curve ends, or None."""
+def at_other_extremes(here: CurveState, peak: PeakQuantity) -> CurveState | End | None:
+    """The point with the extremes of its cycle where these lie on other flights than before; its end, or None."""
     condition, place = here.defining.condition, trimmed(here.at.place, len(here.sequence.kind))
     assert isinstance(condition, AtPeak)
     extremes = extremes_at(here.defining.family, here.sequence, place)
     if is_at_its_extremes(condition, extremes, peak):
         return None
-    moved = _begun_with(here, peak_condition(here.defining.family, here.sequence, place, peak.words), place)
-    if moved is None or np.abs(moved.at.place.p - here.at.place.p).max() > ROUNDED:
-        return EndKind.OTHER_EXTREME
-    return moved
-
-
-def _begun_with(here: CurveState, condition: AbstractCondition, place: ExtendedCycle) -> CurveState | None:
-    """The point with another condition that holds there, in the same direction; None if it does not hold."""
-    (_, place) = padded(here.sequence, (place,), len(here.defining.sequence.kind))
+    condition = peak_condition(here.defining.family, here.sequence, place, peak.words)
     try:
-        moved = begin_curve(replace(here.defining, condition=condition), place)
+        moved = _begun_beside(here, here.sequence, condition, place)
     except ValueError:
-        return None
+        return End(EndKind.OTHER_EXTREME)
+    is_there = np.abs(moved.at.place.p - here.at.place.p).max() <= ROUNDED
+    return moved if is_there else End(EndKind.OTHER_EXTREME)
+
+
+def _begun_beside(
+    here: CurveState, sequence: Sequence, condition: AbstractCondition, place: ExtendedCycle
+) -> CurveState:
+    """The point with other equations for it, in the same direction."""
+    (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
+    moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)
     moved = moved._replace(special=here.special)
     return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
 
@@ -264,10 +304,7 @@ def _in_section(here: CurveState, peak: PeakQuantity | None) -> CurveState:
         condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
     if peak is not None:
         condition = peak_condition(here.defining.family, sequence, place, peak.words)
-    (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
-    moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)
-    moved = moved._replace(special=here.special)
-    return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
+    return _begun_beside(here, sequence, condition, place)
 
 
 def _answer(here: CurveState, request: KernelCall[T]) -> T:

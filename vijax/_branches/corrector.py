@@ -9,10 +9,11 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of
 from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, condense, solve_condensed
-from .._orbits.cycle import LinearCourse, Moment, linearise, linearise_course
+from .._orbits.cycle import Moment
+from .._orbits.linear_cycle import LinearCourse, linearise, linearise_course
+from .._orbits.newton import has_converged, is_worth_a_step
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, ParameterFamily
-from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
 
 _MAX_STEPS = 12
 
@@ -61,16 +62,12 @@ _Iterate = tuple[ExtendedCycle, NewtonState, LinearCourse]
 
 def is_going_on(now: NewtonState, tolerance: Array) -> Array:
     """True where another Newton step is worth it."""
-    eps, small = jnp.finfo(now.step.dtype).eps, NEWTON_CONVERGED[str(now.step.dtype)]
-    is_rounding = (now.step < jnp.maximum(NEWTON_ROUNDING * eps, tolerance)) | (
-        (now.step < small) & (now.step >= now.last / 2)
-    )
-    return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
+    return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS, tolerance=tolerance)
 
 
 def is_converged(now: NewtonState) -> Array:
     """True where the last step is rounding."""
-    return now.step < NEWTON_CONVERGED[str(now.step.dtype)]
+    return has_converged(now.step)
 
 
 def correct(

@@ -96,17 +96,16 @@ def bifurcation_curve(
     begun = begin_curve(defining, place)
     _check_crossing(begun, path)
     peak = peak_quantity(point.quantity, defining.family.system) if isinstance(point, Peak) else None
-    curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most, peak)
-    back: list[CurveState] = []
-    forth: list[CurveState] = []
+    box = box / np.asarray(defining.family.span)[:, None]
     ends: list[str] = [EndKind.INTERRUPTED, EndKind.INTERRUPTED]
 
     def result_so_far() -> xr.Dataset:
-        return _dataset(point, path, [*back[::-1], begun, *forth], ends)
+        return _dataset(point, path, [*back.found[::-1], begun, *forth.found], ends)
 
     with tqdm(unit="point", disable=not progress) as bar, interrupt_with_result(result_so_far):
-        ends[0] = curve.follow(begun.turned(), bar, back)
-        ends[1] = EndKind.CLOSED if ends[0] == EndKind.CLOSED else curve.follow(begun, bar, forth)
+        back, forth = (Curve(point.kind, box, most, one, bar.update, peak) for one in (begun.turned(), begun))
+        ends[0] = back.follow()
+        ends[1] = EndKind.CLOSED if ends[0] == EndKind.CLOSED else forth.follow()
     return result_so_far()
 
 

@@ -33,10 +33,11 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import compile_quickly
 from .._orbits.condensation import condense
-from .._orbits.cycle import Problem, Residual, Unknowns, linearise, residual
+from .._orbits.cycle import Problem, Residual, Unknowns, residual
+from .._orbits.linear_cycle import linearise
+from .._orbits.newton import has_converged, is_worth_a_step
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, ParameterFamily
-from .tolerances import NEWTON_CONVERGED, NEWTON_ROUNDING
 
 _MAX_STEPS = 16
 
@@ -313,11 +314,9 @@ class Solved(NamedTuple):
 def solve(defining: DefiningSystem, guess: Float[Array, " unknowns"], plane: Plane | None = None) -> Solved:
     """Solve a defining system by Newton's method from a guess."""
     defining = defining.begun(guess)
-    eps, small = jnp.finfo(guess.dtype).eps, NEWTON_CONVERGED[str(guess.dtype)]
 
     def is_on(now: _Now) -> Array:
-        is_rounding = (now.step < NEWTON_ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
-        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
+        return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS)
 
     def one(now: _Now) -> _Now:
         matrix, values = defining.linearised(now.y)
@@ -330,7 +329,7 @@ def solve(defining: DefiningSystem, guess: Float[Array, " unknowns"], plane: Pla
     big, size = jnp.asarray(jnp.finfo(guess.dtype).max, guess.dtype), len(guess)
     first = _Now(guess, jnp.zeros((size, size), guess.dtype), big, big, jnp.array(0))
     last = jax.lax.while_loop(is_on, one, first)
-    return Solved(defining, last.y, last.matrix, last.num_steps, last.step < small)
+    return Solved(defining, last.y, last.matrix, last.num_steps, has_converged(last.step))
 
 
 @eqx.filter_custom_jvp

@@ -4,6 +4,8 @@ Steps without events belong to `steps.py`. `follow_branch` is a generator: it yi
 cycles, see `kernels.py`, and receives the answers. So many branches run side by side, while this code treats one alone.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .._hybrid.limits import RELEASE
@@ -15,7 +17,7 @@ from .events.cross import cross
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import SimulatedMotion
 from .kinds import EndKind, Kind, public_kind
-from .located_steps import Step, is_at_corner, resolved_step, step_to_corner
+from .located_steps import Step, is_at_corner, located_step, step_to_corner
 from .padding import MOST_EVENTS, padded, trimmed
 from .parameter_family import ExtendedCycle
 from .point import (
@@ -30,7 +32,7 @@ from .point import (
 from .requests import Requests, ask, simulation_from
 from .section import in_section
 from .simulated_events import cycle_of_simulation, with_simulated_bounces
-from .steps import PlainSteps
+from .steps import PlainSteps, Tried
 from .test_functions import (
     TestFunction,
     kind_at,
@@ -47,6 +49,7 @@ from .tolerances import (
     VANISHING_STICK,
 )
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
+from .walk import AbstractCurve, walk as walk_along
 
 # Factor of the room for events of an orbit where it was too little.
 _MORE = 2
@@ -88,33 +91,59 @@ def follow_branch(walk: DirectedBranch, start: BranchPoint) -> Requests[None]:
 def _follow(walk: DirectedBranch, start: BranchPoint) -> Requests[End]:
     """Follow a branch to its end."""
     walk.rounds = yield from repetitions_of(start.sequence, start.place, walk.num_periods)
-    point, ds = (yield from _behind_event_at_start(walk, start)), PROBE_STEP
-    while not walk.is_full:
-        if isinstance(point, End):
-            return point
-        point, ds, tried = yield from ask(PlainSteps(walk, start, point, ds))
-        if walk.is_full:
-            break
-        step, ds = yield from resolved_step(walk, point, ds, tried)
-        if step is None:
-            step, ds = (yield from step_to_corner(walk, point)), PROBE_STEP
-        if isinstance(step, End):
-            return step
-        if step is None:
-            point, ds = (yield from _continue_behind_hop(walk, point)), PROBE_STEP
-            continue
-        end = yield from _add_special(walk, point, step)
+    first = yield from _behind_event_at_start(walk, start)
+    if isinstance(first, End):
+        return first
+    end = yield from walk_along(_Branch(walk, start), first, PROBE_STEP)
+    return end or End(EndKind.MAX_POINTS)
+
+
+@dataclass(frozen=True)
+class _Branch(AbstractCurve[BranchPoint, Step]):
+    """A branch as the curve of a walk.
+
+    Attributes:
+        walk: receives the points.
+        start: the first of them.
+    """
+
+    walk: DirectedBranch
+    start: BranchPoint
+
+    @property
+    def is_full(self) -> bool:
+        return self.walk.is_full
+
+    def plain_steps(self, here: BranchPoint, ds: float) -> Requests[tuple[BranchPoint, float, Tried | None]]:
+        """Take plain steps in one compiled program."""
+        return ask(PlainSteps(self.walk, self.start, here, ds))
+
+    def step(self, here: BranchPoint, ds: float, tried: Tried | None) -> Requests[Step | None]:
+        """Make a step with its events; None if they are not resolved."""
+        step = yield from located_step(self.walk, here, ds, tried)
+        return None if isinstance(step, End) else step
+
+    def take(self, here: BranchPoint, step: Step) -> Requests[tuple[BranchPoint, float] | End]:
+        """Add the bifurcations of a step and its end, and continue behind its event."""
+        end = yield from _add_special(self.walk, here, step)
         if end is not None:
             return end
         if step.event is not None:
-            point, ds = (yield from _continue_behind_event(walk, *step.event)), min(ds, PROBE_STEP)
-            continue
-        if (yield from is_at_start(walk, start, point, step.last)):
+            behind = yield from _continue_behind_event(self.walk, *step.event)
+            return behind if isinstance(behind, End) else (behind, step.next_length)
+        if (yield from is_at_start(self.walk, self.start, here, step.last)):
             return End(EndKind.CLOSED)
         assert step.confirmed is not None
-        walk.points.append(step.confirmed.point)
-        point, ds = (yield from _with_bounces(*step.confirmed)), step.next_length
-    return point if isinstance(point, End) else End(EndKind.MAX_POINTS)
+        self.walk.points.append(step.confirmed.point)
+        return (yield from _with_bounces(*step.confirmed)), step.next_length
+
+    def beyond(self, here: BranchPoint) -> Requests[tuple[BranchPoint, float] | End]:
+        """Go on at a corner that no step passes, or behind a vanishing hop."""
+        step = yield from step_to_corner(self.walk, here)
+        if isinstance(step, Step):
+            return (yield from self.take(here, step))
+        behind = step or (yield from _continue_behind_hop(self.walk, here))
+        return behind if isinstance(behind, End) else (behind, PROBE_STEP)
 
 
 def _with_bounces(point: BranchPoint, followed: SimulatedMotion) -> Requests[BranchPoint]:

@@ -26,22 +26,7 @@ from .test_functions import (
     tests_of,
     without_echoes,
 )
-from .tolerances import NEGLIGIBLE, SEPARATE_EVENTS, SHORTEST_STEP, TRIALS_AHEAD, TRUSTED
-
-
-def resolved_step(
-    walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
-) -> Requests[tuple["Step | None", float]]:
-    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST_STEP` is.
-
-    The first one may have been tried already.
-    """
-    while ds >= SHORTEST_STEP:
-        step = yield from _step(walk, point, ds, tried)
-        if isinstance(step, Step):
-            return step, ds
-        ds, tried = ds / 2, None
-    return None, ds
+from .tolerances import NEGLIGIBLE, PROBE_STEP, SEPARATE_EVENTS, TRIALS_AHEAD, TRUSTED
 
 
 def _hides_stop(event: tuple[TestFunction, BranchPoint] | None) -> bool:
@@ -86,7 +71,7 @@ class Step(NamedTuple):
     next_length: float
 
 
-def _step(
+def located_step(
     walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
 ) -> Requests[Step | End | None]:
     """A step from a point; None if it is too long to resolve all that happens on it, an `End` if an event is not located."""
@@ -120,7 +105,7 @@ def _step(
     special, is_whole = specials
     if not is_whole and ds > SEPARATE_EVENTS:
         return None
-    return Step(last, confirmed, event, special, tried.next_length)
+    return Step(last, confirmed, event, special, tried.next_length if event is None else min(ds, PROBE_STEP))
 
 
 def step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step | End | None]:
@@ -134,7 +119,9 @@ def step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step | 
         if isinstance(first, End):
             continue
         specials = yield from special_points(walk, point, first[1])
-        return specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], ds)
+        return (
+            specials if isinstance(specials, End) else Step(first[1], None, first[0], specials[0], PROBE_STEP)
+        )
     return None
 
 

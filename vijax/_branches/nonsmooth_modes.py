@@ -22,8 +22,8 @@ from .._flow.taylor import TaylorFlow
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Count, Numbers, real_number, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
+from .._machine.laws import kinds_of_elements
 from .._machine.numbers import numbers_of
-from .._machine.switching import kinds_of_elements
 from .._orbits.autonomous import with_unit
 from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import Sequence as EventSequence, empty_sequence

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .._machine.switching import kinds_of_elements
+from .._machine.laws import kinds_of_elements
 from .._orbits.sequence import Sequence, empty_sequence, sticks_all_along
 from .._system.system import machine_of
 from .follow import point_at_orbit

@@ -20,9 +20,9 @@ EXACT = 1e-12
 # cycle: what is left of a solved equation: a number of a cycle, a root, a real multiplier, an orbit as given. The same by type.
 ROUNDED = 1e-9
 ROUNDED_BY_TYPE = {"float64": ROUNDED, "float32": 1e-4}
-# cycle: step of Newton's method that has converged, and distance of two solutions that are one: the root of eps. By type.
+# cycle: distance of two solutions that are one: the root of eps, as of a step of Newton's method that has converged, see
+# `_orbits/newton.py`.
 SAME = 1e-8
-NEWTON_CONVERGED = {"float64": SAME, "float32": 3e-4}
 # cycle: what is left of a double zero: of a double multiplier, or of test functions that vanish quadratically in the distance
 # from a symmetric cycle.
 HALF_DIGITS = 1e-7
@@ -33,11 +33,6 @@ LOCATED = 1e-6
 NEGLIGIBLE = 1e-6
 # cycle: distance within which a point that was searched for is the neighbour that is meant.
 NEAR = 1e-2
-
-# ---- Newton's method ----
-
-# eps: step below which nothing is gained; a residual of a few terms has a few of them.
-NEWTON_ROUNDING = 4.0
 
 # ---- Steps along a branch, and along a curve ----
 

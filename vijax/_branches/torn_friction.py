@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.limits import IMPACT
+from .._machine.kinds import FRICTION
 from .._machine.machine import Machine
 from .._machine.state import AHEAD, BEHIND, STICKING
-from .._machine.switching import FRICTION
 from .._orbits.cycle import Moment
 from .._orbits.sequence import Sequence
 

@@ -3,8 +3,8 @@
 from jaxtyping import Bool, Float
 
 from .._jax.arrays import Reals, add_up, array_namespace, matvec
+from .._machine.kinds import RIGID
 from .._machine.numbers import MachineNumbers
-from .._machine.switching import RIGID
 from .records import Column
 
 

@@ -25,8 +25,9 @@ from .._jax.arrays import UNROLLED, Reals
 from .._jax.programs import Programs
 from .._jax.xla import are_sums_in_kernels, in_one_kernel, in_parts, options_for_lanes
 from .._machine.kinds import FRICTION, RIGID
-from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
+from .._machine.machine import Machine
 from .._machine.numbers import MachineNumbers
+from .._machine.preparation import AUTOMATIC_MAX_STEPS, default_max_steps, prepare
 from .._machine.state import State
 from .._trajectory.loop import steps_fit_one_kernel
 from .._trajectory.observer import nothing_observed

@@ -14,7 +14,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Int
 
-from .._jax.xla import for_each
+from .._jax.each_lane import for_each
 
 # Array on the device or on the host.
 Column = Array | np.ndarray

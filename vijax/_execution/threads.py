@@ -16,8 +16,8 @@ from jaxtyping import Array
 from .._flow.interface import AbstractFlow
 from .._jax.memory_maps import make_room
 from .._jax.xla import padding_allowed
-from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import numbers_of, with_base
+from .._machine.preparation import AUTOMATIC_MAX_STEPS
 from .._trajectory.observer import OF_BASE
 from .lane_queue import LaneProgram, Points, Queue, are_small, new_queue, run_lanes
 from .packed import pack

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
-from .._machine.tables import is_by_tables
+from .._machine.table_numbers import is_by_tables
 from .._system.compliant import CompliantContact, CompliantStop
 from .._system.friction import Friction
 from .._system.system import ImpactSystem

@@ -25,9 +25,9 @@ from .._hybrid.limits import Limit
 from .._jax.arrays import Flag, Scalar, rounding_step, smallest
 from .._jax.xla import compute_once
 from .._machine.contacts import Held
+from .._machine.kinds import FRICTION
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._machine.switching import FRICTION
 from .guard_rests import GuardRests
 from .interface import Expansion
 from .safe_step import Bound, either, lost_fall, safe_step

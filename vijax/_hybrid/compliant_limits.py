@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
 from .._machine.derivatives import Rates, approaches
+from .._machine.kinds import COMPLIANT
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._machine.switching import COMPLIANT
 from .limits import CLOSE, GAP, OPEN, Limit, Series, behind, force_below, scaled
 
 

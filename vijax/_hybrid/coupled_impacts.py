@@ -25,7 +25,8 @@ from .._jax.arrays import Flag, Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import after_loss
 from .._machine.derivatives import rates, sizes_of_force
-from .._machine.machine import Machine, moving_with, state_before_contact
+from .._machine.first_state import moving_with, state_before_contact
+from .._machine.machine import Machine
 from .._machine.small_matrices import slack_of
 from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching

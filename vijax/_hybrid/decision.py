@@ -31,9 +31,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from .._jax.concrete import stop_gradients
+from .._machine.kinds import FRICTION, RIGID
+from .._machine.laws import Laws
 from .._machine.machine import Machine
 from .._machine.state import SATURATED, State
-from .._machine.switching import FRICTION, RIGID, Laws
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
 from .just_after import just_after, sign_just_after, zeros_just_after
 

@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float
 from .._jax.arrays import Flag, Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import derivatives, rates
-from .._machine.machine import Machine, moving_with, state_before_contact
+from .._machine.first_state import moving_with, state_before_contact
+from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.checks import is_touching
 from .law import rebound

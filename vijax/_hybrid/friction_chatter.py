@@ -22,10 +22,10 @@ from jaxtyping import Array, Bool, Float
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import rates
+from .._machine.kinds import COMPLIANT, FRICTION, RIGID
 from .._machine.machine import Machine
 from .._machine.small_matrices import diagonal
 from .._machine.state import State
-from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .friction_limits import sliding_velocity
 from .sticking import chatter_is_complete, is_disturbed, is_light, is_nearly_hit, is_negligible
 from .transition import Instant

@@ -24,10 +24,10 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import matvec
 from .._jax.concrete import stop_gradients
 from .._machine.contacts import after_loss
+from .._machine.kinds import FRICTION
 from .._machine.machine import Machine
 from .._machine.small_matrices import slack_of
 from .._machine.state import State
-from .._machine.switching import FRICTION
 from .acts import CONFLICT, HOLDS, STICKS, Judged, search_acts
 from .coupled_impacts import Struck, after_impulses, struck_speeds
 from .friction_limits import sliding_velocity

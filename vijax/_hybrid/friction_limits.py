@@ -17,9 +17,9 @@ from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches, rates
+from .._machine.kinds import FRICTION
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._machine.switching import FRICTION
 from .compliant_limits import spring_derivatives, spring_rest, spring_series
 from .limits import FORCE, GAP, SLIP, STICK, Limit, Series, behind, each_order, force_below, scaled
 

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
 from .compliant_limits import DEPTH, LAG, LOAD, SPRING
 from .friction_limits import (
     GRIP,

@@ -21,9 +21,9 @@ from jaxtyping import Array, Bool, Int
 from .._jax.concrete import stop_gradients
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, Rates, approaches
+from .._machine.kinds import JENKINS
 from .._machine.machine import Machine
 from .._machine.state import FROZEN, State
-from .._machine.switching import JENKINS
 from .just_after import just_after, sign_just_after, zeros_just_after
 from .limits import GAP, SLIP, Limit, Series, behind, each_order, scaled
 from .sticking import usual_speeds

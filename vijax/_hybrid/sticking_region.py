@@ -20,8 +20,10 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Numbers, as_float
 from .._machine.derivatives import derivatives
-from .._machine.machine import Machine, prepare, state_before_contact
+from .._machine.first_state import state_before_contact
+from .._machine.machine import Machine
 from .._machine.numbers import numbers_of
+from .._machine.preparation import prepare
 from .._system.forcing import Harmonic
 from .._system.system import AnySystem, machine_of, with_args
 from .._system.waves import phase_at

@@ -15,9 +15,10 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import Flag, Scalar, matvec, with_derivative_of
 from .._jax.concrete import stop_gradients
 from .._jax.xla import compute_once, is_any, of_parts
-from .._machine.machine import Machine, state_before_contact
+from .._machine.first_state import state_before_contact
+from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
+from .._machine.machine import Machine
 from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State
-from .._machine.switching import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._system.checks import is_touching
 from .coupled_impacts import impact, without_rounding
 from .decision import AtRest, Decision, decide, no_decision

@@ -18,9 +18,10 @@ from .._system.load import is_constant
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
 from .._system.waves import Tones, Waves
+from .laws import Laws, laws_of
 from .state import ModeLayout
-from .switching import Laws, laws_of
-from .tables import KnotsLayout, TableNumbers, tables_of
+from .table_numbers import TableNumbers, tables_of
+from .tables import KnotsLayout
 
 
 class BaseLoad(eqx.Module):

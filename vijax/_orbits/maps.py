@@ -12,8 +12,9 @@ from .._jax.concrete import concrete
 from .._jax.errors import checked, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import differentiable, padding_allowed
-from .._machine.machine import prepare, state_before_contact
+from .._machine.first_state import state_before_contact
 from .._machine.numbers import MachineNumbers, numbers_of
+from .._machine.preparation import prepare
 from .._machine.state import State
 from .._system.checks import FINITE, check_number, check_shape, not_finite, refuse
 from .._system.periodicity import check_period

@@ -1,23 +1,59 @@
-"""Newton's method on the equations of a cycle, and the implicit derivatives of its solution."""
+"""Newton's method on the equations of a cycle, and the implicit derivatives of its solution.
 
-from typing import NamedTuple
+`is_worth_a_step` and `has_converged` end every Newton's method on a cycle, a bifurcation or an invariant circle.
+"""
+
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Scalar
+from .._jax.arrays import Reals, Scalar, array_namespace
 from .._jax.xla import in_lanes_of
 from .condensation import Pencil, condense, solve_condensed
-from .cycle import Problem, Residual, Unknowns, linearise, residual
+from .cycle import Problem, Residual, Unknowns, residual
+from .linear_cycle import linearise
 
-# Steps are relative to the orbit. `_SMALL`: a step below it that is not under half the last one is rounding.
-# `_ROUNDING`: a step below so many eps is rounding.
-_SMALL, _ROUNDING = 1e-8, 4.0
-# The step after one below this is rounding, as steps shrink quadratically.
+# Steps are relative to the solution. `_CONVERGED`: step that has converged, the root of eps; one below it that is not under
+# half the last one is rounding. `_ROUNDING`: so is a step below so many eps, as residuals have the rounding of a few terms.
+_CONVERGED, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+# Step behind which the next is rounding.
 _TINY = 1e-10
 _MAX_STEPS = 24
+
+
+def is_worth_a_step(
+    step: Reals,
+    last: Reals,
+    num_steps: Reals,
+    most: int,
+    *,
+    tolerance: Reals | float | None = None,
+    settled: float | None = None,
+) -> Any:
+    """Flag, of JAX or of NumPy: Newton's method takes its next step.
+
+    Args:
+        step: size of the next step, relative to the solution.
+        last: size of the step before, very large if there is none.
+        num_steps: number of steps so far.
+        most: largest number of steps.
+        tolerance: size of a step below which the solution counts as found; rounding, if left out.
+        settled: size of a step behind which the next is rounding, as steps shrink quadratically; without it that is computed, as
+            for branches, whose lengths of steps follow the number of Newton's.
+    """
+    is_found = (step < _ROUNDING * np.finfo(step.dtype).eps) | (has_converged(step) & (step >= last / 2))
+    is_found = is_found if settled is None else is_found | (last < settled)
+    is_found = is_found if tolerance is None else is_found | (step < tolerance)
+    return (num_steps < most) & ~is_found & array_namespace(step).isfinite(step)
+
+
+def has_converged(step: Reals) -> Any:
+    """Flag, of JAX or of NumPy: a step of Newton's method is small enough for a solution."""
+    return step < _CONVERGED[str(step.dtype)]
 
 
 class Polished(NamedTuple):
@@ -44,7 +80,7 @@ class Polished(NamedTuple):
     @property
     def is_converged(self) -> Bool[Array, ""]:
         """True where only rounding is left."""
-        return self.step < _SMALL
+        return has_converged(self.step)
 
 
 def scale_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
@@ -60,13 +96,11 @@ def scale_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " stat
 def polish(problem: Problem, guess: Unknowns) -> Polished:
     """Solve the equations of a cycle by Newton's method from a guess."""
     scale = scale_of(problem, guess.z)
-    eps, count = jnp.finfo(scale.dtype).eps, jnp.sum(problem.sequence.is_event)
+    count = jnp.sum(problem.sequence.is_event)
 
     def is_on(carry: tuple[Unknowns, Polished]) -> Array:
         now = carry[1]
-        is_rounding = (now.step < _ROUNDING * eps) | (now.is_converged & (now.step >= now.last / 2))
-        is_rounding = is_rounding | (now.last < _TINY)
-        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
+        return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS, settled=_TINY)
 
     def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:
         here, before = carry

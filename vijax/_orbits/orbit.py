@@ -8,11 +8,12 @@ import xarray as xr
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._dataset_attributes import flags, versions
+from .._descriptions import as_html, as_text
 from .._flow.interface import AbstractFlow
 from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Scalar
 from .._jax.concrete import concrete
-from .._printing import as_html, as_text, describe_orbit
+from .._printing import describe_orbit
 from .._sweep.dataset import labelled
 from .._system.symmetry import Symmetry
 from .._system.system import AnySystem

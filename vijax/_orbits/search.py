@@ -23,8 +23,8 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar, array_namespace
 from .._jax.xla import is_any
 from .._machine.kinds import COMPLIANT
-from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
+from .._machine.preparation import AUTOMATIC_MAX_STEPS
 from .._system.waves import phase_at
 from .._trajectory.loop import UNLIMITED_STEPS, Choices, LoopArguments
 from .._trajectory.results import RESULTS

@@ -12,8 +12,10 @@ from jaxtyping import ArrayLike
 from .._hybrid.law import before, rebound
 from .._jax.arrays import Reals
 from .._jax.xla import compile_lightly
-from .._machine.machine import Machine, prepare, state_before_contact
+from .._machine.first_state import state_before_contact
+from .._machine.machine import Machine
 from .._machine.numbers import numbers_of
+from .._machine.preparation import prepare
 from .._machine.state import State
 from .._system.system import ImpactSystem
 

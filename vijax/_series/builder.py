@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .algebra import Operand, is_known
 from .operations import (
     Chosen,
     Computed,
@@ -14,7 +15,6 @@ from .operations import (
     Integral,
     InverseIntegral,
     Linear,
-    Operand,
     Operation,
     Product,
     Quotient,
@@ -23,7 +23,6 @@ from .operations import (
     Square,
     SquareRoot,
     chosen,
-    is_known,
     is_zero,
 )
 from .powers import ClosingPower, CubeRoot, Power, PowerReciprocal, ScaledPower, power

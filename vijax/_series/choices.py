@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from .algebra import Operand, is_known
 from .builder import Builder, key_of
-from .operations import BranchFlag, Chosen, Linear, Operand, is_known
+from .operations import BranchFlag, Chosen, Linear
 from .switches import Switch
 
 

@@ -11,20 +11,19 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 
+from .algebra import Operand, is_known
 from .operations import (
     Chosen,
     Fixed,
     Integral,
     InverseIntegral,
     Linear,
-    Operand,
     Operation,
     Product,
     Quotient,
     Square,
     SquareRoot,
     chosen,
-    is_known,
 )
 from .plan import Plan
 from .powers import ClosingPower, CubeRoot, Power

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .algebra import Operand, is_known
 from .builder import Builder
-from .operations import Operand, is_known
 
 
 def derivatives(build: Builder, series: Sequence[Operand], leaf: int) -> list[Operand]:

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._jax.arrays import Scalar
-from .operations import Operand, is_known
+from .algebra import Operand, is_known
 from .order_loop import LoopSeries
 from .plan import Plan
 from .series import Series

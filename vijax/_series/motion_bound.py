@@ -15,8 +15,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._jax.arrays import Scalar
+from .algebra import Operand, is_known
 from .discs import Disc, discs_of
-from .operations import Chosen, Linear, Operand, Product, Square, chosen, is_known
+from .operations import Chosen, Linear, Product, Square, chosen
 from .order_loop import LoopSeries
 from .plan import Plan
 from .series import Series

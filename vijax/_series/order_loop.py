@@ -15,19 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._jax.arrays import Scalar
-from .operations import (
-    Coefficient,
-    Factor,
-    Operand,
-    Order,
-    Read,
-    is_known,
-    minus,
-    number,
-    pair,
-    plus,
-    times,
-)
+from .algebra import Coefficient, Factor, Operand, Order, Read, is_known, minus, number, pair, plus, times
 from .plan import Plan
 from .powers import weighted_pairs
 from .series import AbstractSeries, Row, Series

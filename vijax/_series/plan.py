@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Array
 
 from .._lanes.graph import Node
+from .algebra import Operand, is_known
 from .builder import Builder
 from .graph_of_force import is_known as is_known_element, ordered_nodes, scalars_of
 from .jacobian import derivatives
-from .operations import Fixed, Integral, Linear, Operand, Operation, Product, Slope, is_known
+from .operations import Fixed, Integral, Linear, Operation, Product, Slope
 from .powers import ClosingPower, Power
 from .primitives import series_of
 from .slopes import has_infinite_slope

@@ -7,7 +7,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .operations import Coefficient, Factor, Fixed, Operand, Operation, Order, Read, is_known, plus, times
+from .algebra import Coefficient, Factor, Operand, Order, Read, is_known, plus, times
+from .operations import Fixed, Operation
 
 
 @dataclass(eq=False, frozen=True)

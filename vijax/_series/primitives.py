@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .algebra import Operand, is_known
 from .builder import Builder
 from .choices import above, equal
 from .graph_of_force import TABLE
-from .operations import Linear, Operand, Product, Square, is_known
+from .operations import Linear, Product, Square
 from .quotients import divide, logistic
 from .refused import Refused
 from .tables import table

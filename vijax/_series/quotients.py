@@ -9,9 +9,10 @@ from typing import Any
 import jax.numpy as jnp
 from jax import lax
 
+from .algebra import Operand, is_known
 from .builder import Builder
 from .choices import terms_of
-from .operations import Integral, Linear, Operand, Product, Square, is_known
+from .operations import Integral, Linear, Product, Square
 
 
 def divide(build: Builder, a: Operand, b: Operand) -> Operand:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._jax.xla import compute_once
-from .operations import Coefficient, Operand, Order, Read, is_known, number, plus, times
+from .algebra import Coefficient, Operand, Order, Read, is_known, number, plus, times
 from .plan import Plan
 
 Row = tuple[Any, ...]

@@ -7,7 +7,8 @@ series vanishes there as some power of the distance to the beginning: its rank. 
 from collections.abc import Callable, Iterable, Sequence
 from math import inf
 
-from .operations import Chosen, Fixed, Linear, Operand, Operation, Product, Quotient, Square, is_known
+from .algebra import Operand, is_known
+from .operations import Chosen, Fixed, Linear, Operation, Product, Quotient, Square
 from .powers import ClosingPower, Power
 
 

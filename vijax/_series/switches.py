@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .operations import Operand
+from .algebra import Operand
 
 
 @dataclass(eq=False, frozen=True)

@@ -5,9 +5,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from .algebra import Operand
 from .builder import Builder
 from .choices import mode_of
-from .operations import Operand, chosen
+from .operations import chosen
 
 
 def table(

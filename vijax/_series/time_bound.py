@@ -11,8 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._jax.arrays import Scalar
+from .algebra import is_known
 from .discs import discs_of
-from .operations import Chosen, Fixed, Integral, Linear, Product, Square, is_known
+from .operations import Chosen, Fixed, Integral, Linear, Product, Square
 from .plan import Plan
 from .series import series_of
 

@@ -6,8 +6,9 @@ from typing import Any, ClassVar, Literal
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Count, Reals, as_float
-from .._printing import as_html, as_text, describe_compliant
+from .._printing import describe_compliant
 from .checks import NOT_NEGATIVE, Rule, check_number
 from .contact import AbstractLimit, check_row, row_of
 from .stop import check_side, mass_of_stop

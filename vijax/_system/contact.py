@@ -8,9 +8,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Reals, as_float, whole_number
 from .._jax.concrete import concrete
-from .._printing import as_html, as_text, describe_contact
+from .._printing import describe_contact
 from .checks import FINITE, Rule, check_number, check_one
 from .forcing import Harmonic
 from .restitution import (

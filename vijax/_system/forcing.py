@@ -4,8 +4,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Numbers, Reals, array_namespace, as_float
-from .._printing import as_html, as_text, describe_harmonic
+from .._printing import describe_harmonic
 from .checks import FINITE, NOT_NEGATIVE, check_number, check_one
 from .load import AbstractLoad, with_more_columns
 from .waves import Waves

@@ -6,9 +6,10 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Count, Reals, as_float, whole_number
 from .._jax.concrete import concrete
-from .._printing import as_html, as_text, describe_friction
+from .._printing import describe_friction
 from .checks import FINITE, NOT_NEGATIVE, Rule, check_number
 from .contact import check_row, row_of
 

@@ -19,8 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Count, Reals, array_namespace, as_float, stack, whole_number
-from .._printing import as_html, as_text, describe_hysteresis
+from .._printing import describe_hysteresis
 from .checks import FINITE, NOT_NEGATIVE, POSITIVE, Rule, check_number
 from .contact import check_row, row_of
 

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Reals
 from .._jax.concrete import concrete
-from .._printing import as_html, as_text, describe_loads
+from .._printing import describe_loads
 from .checks import NOT_NEGATIVE, Rule, check_number
 
 

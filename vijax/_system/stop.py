@@ -6,8 +6,9 @@ from typing import Any, Literal
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Count, Reals, as_float, whole_number
-from .._printing import as_html, as_text, describe_stop
+from .._printing import describe_stop
 from .contact import AbstractRigidLimit
 from .forcing import Harmonic
 from .restitution import AbstractRestitution, Restitution, as_restitution

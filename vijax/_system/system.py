@@ -8,10 +8,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Numbers, as_float, in_full_precision, whole_number
 from .._jax.concrete import concrete
 from .._jax.errors import checked
-from .._printing import as_html, as_text, describe_system
+from .._printing import describe_system
 from .checks import (
     POSITIVE,
     check_finite,

@@ -7,9 +7,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._descriptions import as_html, as_text
 from .._jax.arrays import Numbers, Reals, as_float
 from .._jax.concrete import concrete
-from .._printing import as_html, as_text, describe_tabulated, describe_waveform
+from .._printing import describe_tabulated, describe_waveform
 from .checks import FINITE, POSITIVE, RISING, Rule, check_number, check_one
 from .load import AbstractLoad, with_more_columns
 from .splines import KINDS, derivatives_at_knots

@@ -6,6 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._branches.point import End
+from .._branches.requests import Requests
+from .._branches.walk import AbstractCurve, at_once, walk_alone
 from .circle import Circle, interpolation
 from .invariance import CorrectedCircle, corrected
 from .section_map import MapOfStates
@@ -43,46 +46,68 @@ class Limits(NamedTuple):
     tolerance: float
 
 
-class TorusFamily:
+class FamilyPoint(NamedTuple):
+    """Circle of a family, and the tangent of the family there."""
+
+    circle: Circle
+    way: Circle
+
+
+class TorusFamily(AbstractCurve[FamilyPoint, tuple[CorrectedCircle, float]]):
     """Circles of a family, in their order.
 
     Args:
         section: the map.
         limits: where it ends.
+        note: called for each circle.
     """
 
-    def __init__(self, section: MapOfStates, limits: Limits):
-        self.section, self.limits = section, limits
+    shortest = _SHORTEST
+
+    def __init__(self, section: MapOfStates, limits: Limits, note: Callable[[], object]):
+        self.section, self.limits, self.note = section, limits, note
         self.found: list[CorrectedCircle] = []
         self.end: str = TorusEnd.INTERRUPTED
         self.locked_period = 0
 
-    def follow(self, center: Circle, way: Circle, note: Callable[[], object]) -> None:
+    def follow(self, first: FamilyPoint) -> None:
         """Follow the family from the circle without size at a bifurcation, along its tangent there."""
-        now, length = center, _FIRST
-        while len(self.found) < self.limits.max_points:
-            next_one = self._step(now, way, length)
-            if next_one is None:
-                length /= 2
-                if length < _SHORTEST:
-                    self.end = self._why(now, way)
-                    return
-                continue
-            if isinstance(next_one, str):
-                self.end = next_one
-                return
-            self.found.append(next_one)
-            note()
-            if next_one.circle.parameter in (self.limits.low, self.limits.high):
-                self.end = TorusEnd.BOUNDS
-                return
-            now, way = next_one.circle, next_one.tangent
-            if next_one.num_steps <= _FEW_STEPS:
-                length = min(length * _LONGER, _LONGEST)
-        self.end = TorusEnd.MAX_POINTS
+        end = walk_alone(self, first, _FIRST)
+        self.end = end.kind if end else TorusEnd.MAX_POINTS
 
-    def _step(self, now: Circle, way: Circle, length: float) -> CorrectedCircle | str | None:
-        """The next circle, with as many angles as it needs; None for a shorter step; the end, if there is one."""
+    @property
+    def is_full(self) -> bool:
+        return len(self.found) >= self.limits.max_points
+
+    def step(
+        self, here: FamilyPoint, ds: float, tried: None
+    ) -> Requests[tuple[CorrectedCircle, float] | End | None]:
+        """Find the next circle, with as many angles as it needs, and the length of the next step; None if that is too long."""
+        del tried
+        found = self._step(*here, ds)
+        if not isinstance(found, CorrectedCircle):
+            return at_once(found)
+        return at_once((found, min(ds * _LONGER, _LONGEST) if found.num_steps <= _FEW_STEPS else ds))
+
+    def take(
+        self, here: FamilyPoint, step: tuple[CorrectedCircle, float]
+    ) -> Requests[tuple[FamilyPoint, float] | End]:
+        """Add a circle."""
+        del here
+        circle, length = step
+        self.found.append(circle)
+        self.note()
+        is_last = circle.circle.parameter in (self.limits.low, self.limits.high)
+        return at_once(
+            End(TorusEnd.BOUNDS) if is_last else (FamilyPoint(circle.circle, circle.tangent), length)
+        )
+
+    def beyond(self, here: FamilyPoint) -> Requests[End]:
+        """End where no step is short enough."""
+        return at_once(End(self._why(*here)))
+
+    def _step(self, now: Circle, way: Circle, length: float) -> CorrectedCircle | End | None:
+        """The next circle; None for a shorter step."""
         found = corrected(self.section, now.moved(way, length), way)
         if found is None or (self.found and found.tangent.along(way) < _STRAIGHT):
             return None
@@ -92,7 +117,7 @@ class TorusFamily:
         while found is not None and found.error > self.limits.tolerance:
             num = _GROWTH * len(found.circle.states) + 1
             if num > self.limits.max_angles:
-                return None if length > 2 * _SHORTEST else TorusEnd.NOT_RESOLVED
+                return None if length > 2 * _SHORTEST else End(TorusEnd.NOT_RESOLVED)
             finer, tangent = found.circle.resampled(num), found.tangent.resampled(num)
             found = self._with_parameter(finer) if is_last else corrected(self.section, finer, tangent)
         return found
@@ -128,16 +153,14 @@ class TorusFamily:
         return TorusEnd.LOCKED
 
 
-def first_circle(
-    state: np.ndarray, mode: np.ndarray, rotation: float, parameter: float
-) -> tuple[Circle, Circle]:
+def first_circle(state: np.ndarray, mode: np.ndarray, rotation: float, parameter: float) -> FamilyPoint:
     """Circle without size at a bifurcation, and the tangent of the family there, from the eigenvector of its multiplier."""
     angles = 2 * np.pi * np.arange(_FIRST_ANGLES) / _FIRST_ANGLES
     states = np.real(mode * np.exp(1j * angles)[:, None])
     way = Circle(states, 0.0, 0.0)
     length = np.sqrt(way.along(way))
     center = Circle(np.broadcast_to(state, states.shape).copy(), rotation, parameter)
-    return center, way._replace(states=states / length)
+    return FamilyPoint(center, way._replace(states=states / length))
 
 
 def states_at(circle: Circle, num_angles: int) -> np.ndarray:

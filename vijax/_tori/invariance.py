@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._orbits.newton import has_converged, is_worth_a_step
 from .circle import Circle, interpolation, rates
 from .section_map import MapOfStates, Mapped
 
-# Most Newton steps, and the last step that counts as converged, relative to the scale.
+# Most Newton steps, and a step that counts as converged, relative to the scale.
 _MAX_STEPS, _SMALL = 10, 1e-9
 
 
@@ -36,10 +37,11 @@ class CorrectedCircle(NamedTuple):
 
 def corrected(section: MapOfStates, guess: Circle, way: Circle) -> CorrectedCircle | None:
     """Circle in the plane through a guess that is normal to `way`; None where Newton's method fails."""
-    now, row = guess, _row(way)
-    rate = rates(guess.states)
-    for number in range(1, _MAX_STEPS + 1):
-        mapped, equations, matrix = _linearised(section, now, rate, row)
+    now, row, rate = guess, _row(way), rates(guess.states)
+    size = last = np.float64(np.finfo(float).max)
+    number = 0
+    while is_worth_a_step(size, last, number, _MAX_STEPS, tolerance=_SMALL):
+        equations, matrix = _linearised(section, now, rate, row)
         equations[-2] = np.sum((now.states - guess.states) * rate) / len(rate)
         equations[-1] = now.minus(guess).along(way)
         if not (np.isfinite(matrix).all() and np.isfinite(equations).all()):
@@ -49,10 +51,11 @@ def corrected(section: MapOfStates, guess: Circle, way: Circle) -> CorrectedCirc
         except np.linalg.LinAlgError:
             return None
         now = now.minus(_circle(step, now))
-        if np.abs(step).max() < _SMALL:
-            mapped = section(now.states, now.parameter)
-            return CorrectedCircle(now, mapped, _tangent(matrix, now), error_of(section, now), number)
-    return None
+        size, last, number = np.abs(step).max(), size, number + 1
+    if not has_converged(size):
+        return None
+    mapped = section(now.states, now.parameter)
+    return CorrectedCircle(now, mapped, _tangent(matrix, now), error_of(section, now), number)
 
 
 def error_of(section: MapOfStates, circle: Circle) -> float:
@@ -66,8 +69,8 @@ def error_of(section: MapOfStates, circle: Circle) -> float:
 
 def _linearised(
     section: MapOfStates, now: Circle, rate: np.ndarray, row: np.ndarray
-) -> tuple[Mapped, np.ndarray, np.ndarray]:
-    """Images, equations without the last two, and the matrix of all."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Equations without the last two, and the matrix of all."""
     num, size = now.states.shape
     mapped = section(now.states, now.parameter)
     shift = interpolation(now.angles + now.rotation, num)
@@ -81,7 +84,7 @@ def _linearised(
     matrix[:-2, -1] = mapped.slopes.ravel()
     matrix[-2, :-2] = rate.ravel() / num
     matrix[-1] = row
-    return mapped, equations, matrix
+    return equations, matrix
 
 
 def _row(way: Circle) -> np.ndarray:

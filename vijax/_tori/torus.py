@@ -96,12 +96,10 @@ def follow_torus(
         whole_number("max_angles", max_angles, 33),
         float(tolerance),
     )
-    family = TorusFamily(section, limits)
-    with (
-        tqdm(unit="circle", disable=not progress) as bar,
-        interrupt_with_result(lambda: _dataset(section, family)),
-    ):
-        family.follow(*first_circle(state, mode, rotation, parameter), bar.update)
+    with tqdm(unit="circle", disable=not progress) as bar:
+        family = TorusFamily(section, limits, bar.update)
+        with interrupt_with_result(lambda: _dataset(section, family)):
+            family.follow(first_circle(state, mode, rotation, parameter))
     return _dataset(section, family)
 
 

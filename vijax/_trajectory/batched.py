@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PyTree
 
 from .._jax.arrays import vmap_axes
-from .._jax.xla import for_each
+from .._jax.each_lane import for_each
 
 # Range of lanes per group, the best number first. As in sweeps, see `lane_loop.py`, fewer lanes leave the vector units
 # idle, and more leave the cache.

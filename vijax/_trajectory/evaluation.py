@@ -13,7 +13,8 @@ from .._hybrid.switching_resets import forces_between_events
 from .._jax.arrays import Reals, Scalar
 from .._jax.packing import Packed
 from .._jax.xla import compile_lightly, jit_lightly
-from .._machine.machine import Machine, in_periods, state_before_contact
+from .._machine.first_state import state_before_contact
+from .._machine.machine import Machine, in_periods
 from .._machine.state import KEPT_CLOSED, with_memory
 from .event_log import Restarts
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._descriptions import as_html, as_text
 from .._hybrid.limits import EVENT_NAMES, EVENTS, IMPACT, STICK, SWITCHING_EVENTS, EventKind
 from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, append_axes
@@ -18,7 +19,7 @@ from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import Mode, State
 from .._machine.tables import Knots
-from .._printing import as_html, as_text, describe_events
+from .._printing import describe_events
 from .batched import Writing, put
 
 if TYPE_CHECKING:

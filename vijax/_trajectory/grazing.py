@@ -16,9 +16,10 @@ from .._jax.arrays import Flag, Scalar, smallest
 from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._machine.derivatives import rates
+from .._machine.kinds import RIGID
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._machine.switching import RIGID, SwitchingContacts
+from .._machine.switching import SwitchingContacts
 
 
 class Grazing(eqx.Module):

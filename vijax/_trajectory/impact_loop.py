@@ -4,29 +4,19 @@ The loop ends at the impact. A search in the log of a trajectory would need a bo
 the impact, and would follow, and differentiate, the motion up to that bound.
 """
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
-from .._jax.xla import AbstractTask, differentiable, while_any
-from .._machine.machine import (
-    AUTOMATIC_MAX_STEPS,
-    Machine,
-    default_max_steps,
-    in_periods,
-    moving_on_contacts,
-    prepare,
-)
+from .._jax.xla import differentiable, while_any
+from .._machine.first_state import moving_on_contacts
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State
-from .loop import is_finite
+from .loop import UNLIMITED_STEPS, Carry, LoopArguments, LoopTask, begin_loop, first_carry
+from .records import ImpactCount
 from .results import RESULTS
-from .step import flight_to, initial_state, outcome
 
 
 class ImpactRequest(eqx.Module):
@@ -71,60 +61,6 @@ class Arrival(eqx.Module):
     result: RESULTS
 
 
-class _Carry(NamedTuple):
-    """State after the last step, velocities just before its transition, numbers of impacts and steps, and flags."""
-
-    state: State
-    v: Float[Array, " n"]
-    impacts: Int[Array, ""]
-    steps: Int[Array, ""]
-    is_over: Bool[Array, ""]
-    is_finite: Bool[Array, ""]
-
-
-class _Task(AbstractTask):
-    """Loop body with everything it depends on, so that derivatives see it."""
-
-    flow: AbstractFlow
-    machine: Machine
-    phase0: Float[Array, "2 harmonics"]
-    stop: Int[Array, ""]
-    num_impacts: Int[Array, ""]
-    last_period: Int[Array, ""]
-    last_time: Scalar
-    resolution: Scalar
-    max_steps: Int[Array, ""]
-
-    def is_there(self, carry: _Carry) -> Bool[Array, ""]:
-        """True once the motion reached the impact."""
-        return carry.impacts >= self.num_impacts
-
-    def is_live(self, carry: _Carry) -> Bool[Array, ""]:
-        """True while the motion is finite and has not reached the impact, `t1` or the bound on steps."""
-        is_on = carry.is_finite & ~carry.is_over & (carry.steps < self.max_steps)
-        return is_on & ~self.is_there(carry)
-
-    def step(self, carry: _Carry) -> _Carry:
-        """Take one step of the motion."""
-        state, live = carry.state, self.is_live(carry)
-        is_last_period = state.periods >= self.last_period
-        target = jnp.where(is_last_period, self.last_time, self.machine.period)
-        flight = flight_to(self.flow, self.machine, state, target, self.resolution)
-        after, instant = outcome(self.machine, flight)
-        # An impact at the start does not count.
-        is_later = (state.periods > 0) | (instant.time > 0)
-        after = self.machine.start_period(after, self.phase0, instant.arrived & ~is_last_period)
-        finite = is_finite(after)
-        return _Carry(
-            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
-            v=jnp.where(live, flight.end.v, carry.v),
-            impacts=carry.impacts + (live & instant.hit[self.stop] & is_later),
-            steps=carry.steps + live,
-            is_over=carry.is_over | (live & instant.arrived & is_last_period),
-            is_finite=carry.is_finite & (finite | ~live),
-        )
-
-
 def follow_to_impact(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest) -> Arrival:
     """Follow a motion to the requested impact, differentiably."""
     return differentiable(_follow, (numbers, flow, wanted))
@@ -132,38 +68,37 @@ def follow_to_impact(numbers: MachineNumbers, flow: AbstractFlow, wanted: Impact
 
 def _follow(whole: tuple[MachineNumbers, AbstractFlow, ImpactRequest]) -> Arrival:
     numbers, flow, wanted = whole
-    task, carry = _begin(numbers, flow, wanted)
+    task, carry, impacts = _begin(numbers, flow, wanted)
     last = while_any(task, carry)
-    is_there = task.is_there(last)
-    result = RESULTS.where(is_there | last.is_over, RESULTS.successful, RESULTS.max_steps_reached)
+    seen, is_over = last.seen["impacts"], last.goal >= task.num_goals
+    is_there = impacts.is_there(seen)
+    result = RESULTS.where(is_there | is_over, RESULTS.successful, RESULTS.max_steps_reached)
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
     result = RESULTS.where(wanted.is_sound, result, RESULTS.unsound_start)
     state = last.state
-    x, v = task.machine.in_space(eqx.tree_at(lambda s: s.v, state, last.v))
+    x, v = task.machine.in_space(eqx.tree_at(lambda s: s.v, state, seen.v))
     t = wanted.t0 + state.periods * task.machine.period + state.time
     return Arrival(t, x, v, is_there, result)
 
 
-def _begin(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest) -> tuple[_Task, _Carry]:
-    w, span = wanted, jax.lax.stop_gradient(wanted.t1 - wanted.t0)
-    machine = prepare(numbers, jnp.where(span > 0, span, 1), (w.t0, w.x0, w.v0), can_stick=True)
-    flow = flow.prepare(machine)
-    phase0 = machine.phase_at_start(w.t0)
-    # The map from impact to impact has its states on the stop.
-    first = moving_on_contacts(machine, initial_state(flow, machine, phase0, w.x0, w.v0, w.t0))
-    last_period, last_time = in_periods(machine, span)
-    task = _Task(
-        flow=flow,
-        machine=machine,
-        phase0=phase0,
-        stop=w.stop,
-        num_impacts=w.num_impacts,
-        last_period=last_period,
-        last_time=last_time,
-        resolution=4 * jnp.finfo(w.t0.dtype).eps * jnp.maximum(jnp.abs(w.t0), jnp.abs(w.t1)),
-        max_steps=jnp.where(
-            w.max_steps == AUTOMATIC_MAX_STEPS, default_max_steps(machine, span), w.max_steps
-        ),
+def _begin(
+    numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest
+) -> tuple[LoopTask, Carry, ImpactCount]:
+    """Loop up to an impact, its first carry, and what counts the impacts."""
+    w, none, impacts = wanted, jnp.array(0), ImpactCount(wanted.stop, wanted.num_impacts)
+    request = LoopArguments(
+        t0=w.t0,
+        t1=jax.lax.stop_gradient(w.t1 - w.t0) + w.t0,
+        x0=w.x0,
+        v0=w.v0,
+        goals=jnp.zeros(0, w.t0.dtype),
+        num_goals=none,
+        is_last=jnp.array(True),
+        max_steps=w.max_steps,
+        max_events=none,
+        max_turns=jnp.array(UNLIMITED_STEPS),
+        is_sound=w.is_sound,
     )
-    nothing = jnp.array(0)
-    return task, _Carry(first, first.v, nothing, nothing, jnp.array(False), w.is_sound)
+    task, first = begin_loop(numbers, flow, request, {"impacts": impacts}, can_stick=True)
+    # The map from impact to impact has its states on the stop.
+    return task, first_carry(task, moving_on_contacts(task.machine, first), w.is_sound), impacts

@@ -7,7 +7,8 @@ call with room for the whole request, see `single_call.py`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
+from operator import and_
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,17 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._flow.interface import AbstractFlow, Flight
-from .._hybrid.transition import Instant
-from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import UNROLLED_ALONE, Flag, Reals, Scalar
 from .._jax.packing import pack
 from .._jax.xla import AbstractTask, in_one_kernel, in_parts, not_constant, while_any
-from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
+from .._machine.machine import Machine, in_periods
 from .._machine.numbers import MachineNumbers
+from .._machine.preparation import AUTOMATIC_MAX_STEPS, default_max_steps, prepare
 from .._machine.state import State
-from .batched import Writing, put, row_of_lane, to_all
-from .event_log import Log, empty_log, event_log, log_row
-from .grazing import Grazing, no_grazing, update_grazing
+from .batched import row_of_lane, to_all
+from .event_log import event_log
+from .records import AbstractObserver, GrazingWatch, Leg, Logging, Saving
 from .results import RESULTS
 from .solution import Solution
 from .step import flight_to, initial_state, outcome
@@ -87,45 +88,34 @@ class Carry(eqx.Module):
 
     Attributes:
         state: the motion.
-        log: the events.
-        xs: saved positions, (goals + 1, n); the last row takes what is not saved.
-        vs: saved velocities, likewise.
         goal: number of goals reached in this call.
         steps: number of steps so far.
         is_finite: whether the motion stayed finite.
-        grazing: closest approach to grazing.
+        seen: what each observer has seen, by its name.
     """
 
     state: State
-    log: Log
-    xs: Float[Array, "*lanes goals n"]
-    vs: Float[Array, "*lanes goals n"]
     goal: Int[Array, "..."]
     steps: Int[Array, "..."]
     is_finite: Bool[Array, "..."]
-    grazing: Grazing
-
-
-class Leg(NamedTuple):
-    """One step of the loop.
-
-    Attributes:
-        flight: the flight.
-        after: state after the transition at its end.
-        instant: the transition.
-        is_goal: whether it ends at a goal.
-    """
-
-    flight: Flight
-    after: State
-    instant: Instant
-    is_goal: Bool[Array, "..."]
+    seen: dict[str, Any]
 
 
 class LoopTask(AbstractTask):
     """Body of the loop over steps and all that it depends on, so that derivatives see it.
 
-    `watches_grazing` if the caller asks for `Solution.grazing`.
+    Attributes:
+        flow: the motion between events.
+        machine: the machine.
+        t0: start of the trajectory.
+        phase0: phase of the load there.
+        goal_periods: times of the goals in whole periods.
+        goal_times: the rest of each.
+        num_goals: number of goals of this call.
+        resolution: times closer than this are one instant.
+        max_steps: bound on the steps of all calls.
+        last_step: number of steps after which this call ends.
+        observers: what records the motion, by name.
     """
 
     flow: AbstractFlow
@@ -138,12 +128,12 @@ class LoopTask(AbstractTask):
     resolution: Scalar
     max_steps: Int[Array, "..."]
     last_step: Int[Array, "..."]
-    max_events: Int[Array, "..."]
-    watches_grazing: bool = eqx.field(static=True, default=True)
+    observers: dict[str, AbstractObserver]
 
     def is_live(self, carry: Carry) -> Bool[Array, "..."]:
-        """True where this call has work left: a finite motion, steps, goals, and room in the log."""
-        return self.goes_on(carry) & carry.log.has_room(self.max_events)
+        """True where this call has work left: a finite motion, steps and goals, and no observer ends it."""
+        flags = [observer.goes_on(carry.seen[name]) for name, observer in self.observers.items()]
+        return reduce(and_, (flag for flag in flags if flag is not None), self.goes_on(carry))
 
     def goes_on(self, carry: Any) -> Bool[Array, "..."]:
         """True where the motion is finite, and has steps and goals left."""
@@ -155,41 +145,35 @@ class LoopTask(AbstractTask):
         return jnp.minimum(self.max_steps, self.last_step)
 
     def step(self, carry: Carry) -> Carry:
-        """Take one step, log its events, and save the state at a goal."""
+        """Take one step, and record it."""
         state, live = carry.state, self.is_live(carry)
-        leg = self.fly_on(state, carry.goal)
-        after, instant = leg.after, leg.instant
-        is_saved = live & leg.is_goal
-        grazing = carry.grazing
-        if self.watches_grazing:
-            grazing = update_grazing(self.machine, state, after, instant, grazing, live)
-        after = self.next_period(leg)
-        x, v = self.machine.in_space(after)
-        time = self.t0 + state.periods * self.machine.period + instant.time
-        (xs, vs), *_ = put(is_saved, Writing((carry.xs, carry.vs), (x[None], v[None]), carry.goal))
+        leg = self.fly_on(state, carry.goal).in_lanes(live)
         return Carry(
-            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
-            log=log_row(carry.log, after, instant, time, live, self.max_events),
-            xs=xs,
-            vs=vs,
-            goal=carry.goal + is_saved,
+            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), leg.onward, state),
+            goal=carry.goal + leg.is_goal,
             steps=carry.steps + live,
             is_finite=carry.is_finite & (is_finite(leg.after) | ~live),
-            grazing=grazing,
+            seen=self.observed(carry.seen, leg, live),
         )
+
+    def observed(self, seen: dict[str, Any], leg: Leg, live: Flag) -> dict[str, Any]:
+        """Show a step to the observers; what is without one stays as it is."""
+        return seen | {
+            name: observer.update(self.machine, seen[name], leg, live)
+            for name, observer in self.observers.items()
+        }
 
     def fly_on(self, state: State, goal: Int[Array, "..."]) -> Leg:
         """Fly towards the goal, at most to the end of the period."""
-        goal = jnp.minimum(goal, len(self.goal_times) - 1)
-        goal_periods, goal_time = (row_of_lane(a, goal) for a in (self.goal_periods, self.goal_times))
+        last = jnp.minimum(goal, len(self.goal_times) - 1)
+        goal_periods, goal_time = (row_of_lane(a, last) for a in (self.goal_periods, self.goal_times))
         target, is_last_period = next_target(self.machine, state, (goal_periods, goal_time))
         flight = flight_to(self.flow, self.machine, state, target, self.resolution)
         after, instant = outcome(self.machine, flight)
-        return Leg(flight, after, instant, instant.arrived & is_last_period)
-
-    def next_period(self, leg: Leg) -> State:
-        """State after a step, with a new period begun where one is over."""
-        return self.machine.start_period(leg.after, self.phase0, leg.instant.arrived & ~leg.is_goal)
+        is_goal = instant.arrived & is_last_period
+        onward = self.machine.start_period(after, self.phase0, instant.arrived & ~is_goal)
+        time = self.t0 + state.periods * self.machine.period + instant.time
+        return Leg(state, flight, after, onward, instant, time, is_goal, goal)
 
 
 def next_target(
@@ -272,33 +256,34 @@ def prepare_loop(
         r: request, with its own numbers in every lane.
         choices: the static choices.
     """
+    observers = {
+        "log": Logging(r.max_events, choices.room, choices.is_whole),
+        "saved": Saving(len(r.goals) + 1, len(r.x0)),
+        "grazing": GrazingWatch(),
+    }
+    task, first = begin_loop(numbers, flow, r, observers, can_stick=choices.can_stick)
+    return task, first_carry(task, first, r.is_sound)
+
+
+def begin_loop(
+    numbers: MachineNumbers,
+    flow: AbstractFlow,
+    r: LoopArguments,
+    observers: dict[str, AbstractObserver],
+    *,
+    can_stick: bool,
+) -> tuple[LoopTask, State]:
+    """Loop of a request, and the first state of its motion."""
     t0, span = r.t0, r.t1 - r.t0
-    machine = prepare(numbers, jnp.where(span > 0, span, 1), (t0, r.x0, r.v0), can_stick=choices.can_stick)
+    machine = prepare(numbers, jnp.where(span > 0, span, 1), (t0, r.x0, r.v0), can_stick=can_stick)
     flow = flow.prepare(machine)
     max_steps = jnp.where(r.max_steps == AUTOMATIC_MAX_STEPS, default_max_steps(machine, span), r.max_steps)
     phase0 = machine.phase_at_start(t0)
     goals = jnp.concatenate([r.goals, r.t1[None]])
     goal_periods, goal_times = in_periods(machine, goals - t0)
     first = initial_state(flow, machine, phase0, r.x0, r.v0, t0)
-    has_impulses = machine.contacts.is_coupled
-    empty = partial(empty_log, room=choices.room, is_whole=choices.is_whole, has_impulses=has_impulses)
     if t0.ndim:
         first = to_all(first, *t0.shape)
-        empty = jax.vmap(empty, -1)
-    log = empty(first, t0)
-    saved = jnp.zeros((*t0.shape, len(goals) + 1, len(r.x0)), r.x0.dtype)
-    carry = Carry(
-        state=first,
-        log=log,
-        xs=saved,
-        vs=saved,
-        goal=jnp.zeros(t0.shape, int),
-        steps=jnp.zeros(t0.shape, int),
-        is_finite=r.is_sound
-        if first.mode is None or first.mode.paradox is None
-        else r.is_sound & ~first.mode.paradox,
-        grazing=no_grazing(t0),
-    )
     task = LoopTask(
         flow=flow,
         machine=machine,
@@ -310,9 +295,21 @@ def prepare_loop(
         resolution=4 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(r.t1)),
         max_steps=max_steps,
         last_step=r.max_turns,
-        max_events=r.max_events,
+        observers=observers,
     )
-    return task, carry
+    return task, first
+
+
+def first_carry(task: LoopTask, first: State, is_sound: Bool[Array, "..."]) -> Carry:
+    """Carry before the first step, from a state."""
+    lanes, paradox = task.t0.shape, None if first.mode is None else first.mode.paradox
+    return Carry(
+        state=first,
+        goal=jnp.zeros(lanes, int),
+        steps=jnp.zeros(lanes, int),
+        is_finite=is_sound if paradox is None else is_sound & ~paradox,
+        seen={name: one.first(task.machine, first, task.t0) for name, one in task.observers.items()},
+    )
 
 
 def is_over(task: LoopTask, last: Carry, request: LoopArguments) -> Bool[Array, "..."]:
@@ -322,7 +319,7 @@ def is_over(task: LoopTask, last: Carry, request: LoopArguments) -> Bool[Array, 
 
 def result_of(task: LoopTask, last: Carry, request: LoopArguments) -> RESULTS:
     """Result code of the trajectory of this call."""
-    mode, is_full = last.state.mode, last.log.num_events > request.max_events
+    mode, is_full = last.state.mode, last.seen["log"].num_events > request.max_events
     result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
     result = RESULTS.where(is_over(task, last, request), result, RESULTS.max_steps_reached)
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
@@ -334,7 +331,7 @@ def result_of(task: LoopTask, last: Carry, request: LoopArguments) -> RESULTS:
 def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices) -> Solution:
     """Trajectory with the events and saved states of this call."""
     machine, t0, t1 = task.machine, task.t0, request.t1
-    state, log, ts = last.state, last.log, request.goals
+    state, log, (xs, vs), ts = last.state, last.seen["log"], last.seen["saved"], request.goals
     is_reached = (jnp.arange(ts.size) < last.goal)[:, None]
     is_done, is_full = is_over(task, last, request), log.num_events > request.max_events
     x1, v1 = machine.in_space(state)
@@ -344,8 +341,8 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
     time = t0 + state.periods * machine.period + state.time
     return Solution(
         ts=ts,
-        xs=jnp.where(is_reached, last.xs[: ts.size], x1),
-        vs=jnp.where(is_reached, last.vs[: ts.size], v1),
+        xs=jnp.where(is_reached, xs[: ts.size], x1),
+        vs=jnp.where(is_reached, vs[: ts.size], v1),
         x1=x1,
         v1=v1,
         stuck1=at_rest[:num_stops],
@@ -354,7 +351,7 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         num_events=jnp.minimum(log.num_events, request.max_events),
         num_steps=last.steps,
         num_rejected=task.flow.num_rejected(state.memory),
-        grazing=last.grazing,
+        grazing=last.seen["grazing"],
         result=result_of(task, last, request),
         t0=t0,
         t1=t1,

@@ -9,8 +9,9 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, array_namespace
 from .._jax.xla import AbstractTask, compile_lightly, while_any
-from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
+from .._machine.machine import Machine
 from .._machine.numbers import MachineNumbers
+from .._machine.preparation import AUTOMATIC_MAX_STEPS, default_max_steps, prepare
 from .._machine.state import State
 from .loop import is_finite, run_without_derivatives
 from .one_call import empty_progress

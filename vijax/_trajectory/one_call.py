@@ -186,7 +186,7 @@ def call(machine: Packed, left: Packed, request: Packed, choices: Choices) -> Fo
     solution, reached = finish(task, last, asked, choices), _progress(task, last, asked)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
-    codes = codes_of(last.log.kept_instants())
+    codes = codes_of(last.seen["log"].kept_instants())
     return Found(first, jnp.stack([solution.xs, solution.vs]), codes, pack(reached))
 
 
@@ -202,16 +202,17 @@ def _begin(
 
 def _progress(task: LoopTask, last: Carry, request: LoopArguments) -> CallProgress:
     """Progress of a trajectory at the end of a call."""
+    log = last.seen["log"]
     return CallProgress(
         state=last.state,
         goals=last.goal,
         steps=last.steps,
-        rows=last.log.rows,
-        num_events=last.log.num_events,
-        known_until=last.log.known_until,
+        rows=log.rows,
+        num_events=log.num_events,
+        known_until=log.known_until,
         is_finite=last.is_finite,
         is_paused=last.is_finite & (last.steps < task.max_steps) & ~is_over(task, last, request),
-        grazing=last.grazing,
+        grazing=last.seen["grazing"],
     )
 
 
@@ -220,11 +221,11 @@ def _gone_on(carry: Carry, left: CallProgress) -> Carry:
     goes_on = left.steps > 0
     log = eqx.tree_at(
         lambda log: (log.rows, log.num_events, log.events_before, log.known_until),
-        carry.log,
-        (jnp.zeros_like(carry.log.rows), left.num_events, left.num_events, left.known_until),
+        carry.seen["log"],
+        (jnp.zeros_like(carry.seen["log"].rows), left.num_events, left.num_events, left.known_until),
     )
     before = eqx.tree_at(
-        lambda c: (c.state, c.log, c.steps, c.is_finite, c.grazing),
+        lambda c: (c.state, c.seen["log"], c.steps, c.is_finite, c.seen["grazing"]),
         carry,
         (left.state, log, left.steps, left.is_finite, left.grazing),
     )

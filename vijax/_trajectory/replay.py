@@ -11,6 +11,7 @@ The record has room for `_ROOM` flights: both alternate until the motion ends, s
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,7 +20,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow, Flight
-from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
 from .._jax.xla import AbstractTask, compute_once, in_one_kernel, in_parts, is_any, not_constant, while_any
@@ -28,8 +28,8 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.waves import speeds, turned
 from .batched import Writing, put
-from .event_log import Log, log_row
 from .loop import Carry, LoopTask, is_finite
+from .records import Leg
 
 # Flights of a trajectory that are recorded before they are repeated. So many of a group of lanes fit the cache.
 _ROOM = 32
@@ -84,13 +84,12 @@ class _Recorder(AbstractTask):
         """Take one step; record the flight that ends with it, if one does."""
         live = self.is_live(carry)
         leg = self.task.fly_on(carry.state, carry.goal)
-        after, instant, finite = self.task.next_period(leg), leg.instant, is_finite(leg.after)
-        happened = instant.happened
+        instant, finite = leg.instant, is_finite(leg.after)
         duration = carry.duration + leg.flight.duration
         # A motion that is cut ends with a flight too.
         is_cut = (carry.steps + 1 >= self.task.most_steps) | ~finite
         is_row = (
-            live & (happened | leg.is_goal | is_cut)
+            live & (instant.happened | leg.is_goal | is_cut)
             if repeats_whole_flights(self.task.flow, self.task.machine)
             else live
         )
@@ -98,7 +97,7 @@ class _Recorder(AbstractTask):
         row = jax.tree.map(lambda a: a[None], Record(flight, carry.periods))
         record, *_ = put(is_row, Writing(carry.record, row, carry.rows))
         return _Recording(
-            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, carry.state),
+            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), leg.onward, carry.state),
             goal=carry.goal + (live & leg.is_goal),
             steps=carry.steps + live,
             is_finite=carry.is_finite & (finite | ~live),
@@ -174,36 +173,18 @@ class Repetition(NamedTuple):
     Attributes:
         state: the motion.
         goal: number of goals reached.
-        log: the events; None if not requested.
-        saved: saved positions and velocities; None if not requested.
+        seen: what the observers of the task have seen, by their names.
     """
 
     state: State
     goal: Int[Array, "..."]
-    log: Log | None
-    saved: tuple[Array, Array] | None
-
-
-class _Repeated(NamedTuple):
-    """One recorded flight, repeated.
-
-    Attributes:
-        after: state after the transition at its end.
-        instant: the transition.
-        time: its time.
-        is_goal: whether it ends at a goal.
-    """
-
-    after: State
-    instant: Instant
-    time: Scalar
-    is_goal: Bool[Array, "..."]
+    seen: dict[str, Any]
 
 
 @eqx.filter_custom_jvp
 def _repeat(
     task: LoopTask, state: State, goal: Int[Array, "..."], row: Record, call: Callable[..., Any]
-) -> _Repeated:
+) -> Leg:
     del call
     return _repeat_once(task, state, goal, row)
 
@@ -232,15 +213,14 @@ def _repeat_jvp(primals, tangents):
     return eqx.combine(out, rest), change
 
 
-def _repeat_once(task: LoopTask, state: State, goal: Int[Array, "..."], row: Record) -> _Repeated:
+def _repeat_once(task: LoopTask, state: State, goal: Int[Array, "..."], row: Record) -> Leg:
     """Repeat one recorded flight and the transition at its end."""
     names = lambda s: (s.periods, s.time)  # noqa: E731
     there = state.periods + row.periods, state.time - row.periods * task.machine.period
     begin = eqx.tree_at(names, state, there)
     own = eqx.tree_at(lambda t: t.flow, task, RecordedFlow(task.flow, row.flight))
     leg = own.fly_on(begin, goal)
-    time = task.t0 + begin.periods * task.machine.period + leg.instant.time
-    return _Repeated(task.next_period(leg), leg.instant, time, leg.is_goal)
+    return leg._replace(before=None, flight=None, after=None)
 
 
 def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool, in_kernel: bool) -> Carry:
@@ -258,10 +238,10 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
     """
     recorder = _Recorder(stop_gradients(task))
     begun = _blank_recording(stop_gradients(carry))
-    first = Repetition(
-        carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
-    )
-    first, call = _with_tangents(first), compute_once
+    needed = {"log": has_log, "saved": has_saved}
+    task = replace(task, observers={name: task.observers[name] for name in needed if needed[name]})
+    seen = {name: carry.seen[name] for name in task.observers}
+    first, call = _with_tangents(Repetition(carry.state, carry.goal, seen)), compute_once
     if in_kernel:
         recorder, begun, task, first = not_constant((recorder, begun, task, first))
         # The step of a machine whose forces switch is too large for one kernel to compile soon.
@@ -275,18 +255,7 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
 
     start = begun, first, is_any(recorder.task.goes_on(begun))
     recording, last, _ = jax.lax.while_loop(lambda both: both[2], turn, start)
-    log = carry.log if last.log is None else last.log
-    xs, vs = (carry.xs, carry.vs) if last.saved is None else last.saved
-    return Carry(
-        state=last.state,
-        log=log,
-        xs=xs,
-        vs=vs,
-        goal=last.goal,
-        steps=recording.steps,
-        is_finite=recording.is_finite,
-        grazing=carry.grazing,
-    )
+    return Carry(last.state, last.goal, recording.steps, recording.is_finite, carry.seen | last.seen)
 
 
 def _with_tangents(carry: Repetition) -> Repetition:
@@ -325,18 +294,13 @@ def _repeat_all(
         record = jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), record)
 
     def one(now: tuple[Int[Array, ""], Repetition]) -> tuple[Int[Array, ""], Repetition]:
-        k, (state, goal, log, saved) = now
+        k, (state, goal, seen) = now
         row = jax.tree.map(lambda a: jax.lax.dynamic_index_in_dim(a, k, 0, keepdims=False), record)
         live = k < rows
-        after, instant, time, is_goal = _repeat(task, state, goal, row, call)
-        is_saved = live & is_goal
-        if log is not None:
-            log = log_row(log, after, instant, time, live, task.max_events)
-        if saved is not None:
-            x, v = task.machine.in_space(after)
-            (saved,) = put(is_saved, Writing(saved, (x[None], v[None]), goal))
-        state = jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state)
-        return k + 1, Repetition(state, goal + is_saved, log, saved)
+        leg = _repeat(task, state, goal, row, call).in_lanes(live)
+        seen = task.observed(seen, leg, live)
+        state = jax.tree.map(lambda new, old: jnp.where(live, new, old), leg.onward, state)
+        return k + 1, Repetition(state, goal + leg.is_goal, seen)
 
     is_on = lambda now: is_any(now[0] < rows)  # noqa: E731
     return jax.lax.while_loop(is_on, one, (jnp.zeros_like(rows, shape=()), repeated))[1]

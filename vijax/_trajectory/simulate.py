@@ -16,8 +16,8 @@ from .._jax.concrete import check_values, concrete, evaluate_eagerly, is_traced
 from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
-from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import base_of, numbers_of
+from .._machine.preparation import AUTOMATIC_MAX_STEPS
 from .._progress import says_what_compiles
 from .._system.checks import validate_start
 from .._system.system import AnySystem, ImpactSystem, machine_of, with_args

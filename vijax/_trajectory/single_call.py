@@ -12,8 +12,8 @@ from jaxtyping import Array, Bool, Float
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, UNROLLED_ALONE
 from .._jax.xla import AbstractTask, differentiable, in_lanes_of, not_constant, while_any
+from .._machine.laws import kinds_of_elements
 from .._machine.numbers import MachineNumbers, numbers_of
-from .._machine.switching import kinds_of_elements
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely
@@ -132,14 +132,14 @@ def _follow_group(
     request = to_all(request, num_lanes)
     task, carry = prepare_loop(numbers, flow, request, choices)
     task, last = run(task, carry, in_kernel=steps_fit_one_kernel(numbers, flow, UNROLLED))
-    written = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
+    written = lambda carry: (carry.seen["log"], carry.seen["saved"])  # noqa: E731
 
-    def finish_one(lane: tuple[LoopTask, Carry, LoopArguments], rows: tuple[Log, Array, Array]) -> Solution:
+    def finish_one(lane: tuple[LoopTask, Carry, LoopArguments], rows: tuple[Log, tuple]) -> Solution:
         task, last, request = lane
         last = eqx.tree_at(written, last, rows, is_leaf=lambda leaf: leaf is None)
         return finish(task, last, request, choices)
 
-    rest = eqx.tree_at(written, last, (None, None, None))
+    rest = eqx.tree_at(written, last, (None, None))
     return one_by_one(finish_one, num_lanes, (task, rest, request), written(last))
 
 
@@ -153,9 +153,12 @@ def run_for_log(
     """Follow a trajectory without derivatives; its log, result code and end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
     task, carry = prepare_loop(numbers, flow, request, choices)
-    task = replace(task, watches_grazing=False)
-    last = while_any(task, in_lanes_of(request.x0, carry))
-    return last.log, result_of(task, last, request), jnp.concatenate(task.machine.in_space(last.state))
+    last = while_any(_without_grazing(task), in_lanes_of(request.x0, carry))
+    return (
+        last.seen["log"],
+        result_of(task, last, request),
+        jnp.concatenate(task.machine.in_space(last.state)),
+    )
 
 
 def run_with_jacobian(
@@ -168,10 +171,10 @@ def run_with_jacobian(
         x0, v0 = jnp.split(z, 2)
         own = request._replace(x0=x0, v0=v0)
         task, carry = prepare_loop(numbers, flow, own, choices)
-        task = replace(task, watches_grazing=False)
+        task = _without_grazing(task)
         last = while_any(_WithoutRecords(task), in_lanes_of(z, carry))
         solution = finish(task, last, own, choices)
-        return jnp.concatenate([solution.x1, solution.v1]), (solution, last.log)
+        return jnp.concatenate([solution.x1, solution.v1]), (solution, last.seen["log"])
 
     jacobian, (solution, log) = jax.jacfwd(end_of, has_aux=True)(jnp.concatenate([request.x0, request.v0]))
     return solution, log, jacobian
@@ -186,6 +189,10 @@ class _WithoutRecords(AbstractTask):
         return self.task.is_live(carry)
 
     def step(self, carry: Carry) -> Carry:
-        records = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
         after = self.task.step(carry)
-        return eqx.tree_at(records, after, jax.lax.stop_gradient(records(after)))
+        return replace(after, seen=jax.lax.stop_gradient(after.seen))
+
+
+def _without_grazing(task: LoopTask) -> LoopTask:
+    """The loop of motions whose closest approach to grazing is not asked for."""
+    return replace(task, observers={name: one for name, one in task.observers.items() if name != "grazing"})

@@ -9,6 +9,7 @@ import lazy_loader
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._descriptions import as_html, as_text
 from .._flow.interface import AbstractFlow
 from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
@@ -17,7 +18,7 @@ from .._jax.errors import checked
 from .._jax.packing import Packed
 from .._jax.xla import differentiable, padding_allowed
 from .._machine.machine import Machine
-from .._printing import as_html, as_text, describe_solution
+from .._printing import describe_solution
 from .evaluation import Evaluated, Times, coasted, followed, motion_of_stops
 from .event_log import EventLog, Restarts
 from .grazing import Grazing

@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .._machine.switching import RIGID, SwitchingContacts
+from .._machine.kinds import RIGID
+from .._machine.switching import SwitchingContacts
 from .._system.system import ImpactSystem
 from .._trajectory.solution import Solution
 

@@ -11,8 +11,8 @@ from itertools import product
 
 import numpy as np
 
+from ..._machine.laws import contacts_of_elements, kinds_of_elements
 from ..._machine.numbers import numbers_of
-from ..._machine.switching import contacts_of_elements, kinds_of_elements
 from ..._orbits.sequence import SECOND, has_several_of_a_kind, side_by_side
 from ..._system.system import machine_of
 from ..behind_event import corrected_on_sequence, step_off

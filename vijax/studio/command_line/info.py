@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..._branches.branch import Branch
-from ..._printing import Description, as_text
+from ..._descriptions import Description, as_text
 from ..._sweep.provenance import system_of
 from ..._system.files import look_at, read_table
 from ..._system.force_description import NAMED_FORCE

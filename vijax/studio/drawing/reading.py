@@ -9,9 +9,10 @@ import numpy as np
 
 from ..._jax.arrays import Reals
 from ..._machine.contacts import Contacts
+from ..._machine.kinds import COMPLIANT
 from ..._machine.machine import Machine
 from ..._machine.numbers import BaseLoad, base_of, harmonic_load_of, tones_of
-from ..._machine.switching import COMPLIANT, SwitchingContacts
+from ..._machine.switching import SwitchingContacts
 from ..._system.compliant import CompliantContact, CompliantStop
 from ..._system.force import name_of_force, whole_force
 from ..._system.forcing import Harmonic
