@@ -76,12 +76,12 @@ def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
 
 def _elements(sequence: Sequence) -> Requests[Elements]:
     """The elements of a machine."""
+    return (yield from ask(HostCall(_elements_of, sequence, of_make=True)))
 
-    def of(family: ParameterFamily) -> Elements:
-        system = machine_of(family.system)
-        return Elements(tuple(kinds_of_elements(system)), tuple(contacts_of_elements(system)))
 
-    return (yield from ask(HostCall(of, sequence)))
+def _elements_of(family: ParameterFamily) -> Elements:
+    system = machine_of(family.system)
+    return Elements(tuple(kinds_of_elements(system)), tuple(contacts_of_elements(system)))
 
 
 def _acting(at: CornerInstant, elements: Elements) -> tuple[int, ...]:
