@@ -243,10 +243,25 @@ def test_basins_of_anything_else_are_refused():
 def test_starts_of_a_grid_beyond_a_stop_have_no_label():
     machine = vx.models.impact_oscillator(1.3, position=0.2, damping_ratio=0.1, restitution=0.6)
     grid = {"x0[0]": np.linspace(-0.4, 0.4, 5), "v0[0]": np.linspace(-1, 1, 3)}
-    found = vx.basins(machine, grid, progress=False)
+    with pytest.warns(UserWarning, match="3 of 15 starts of the grid lie beyond a stop: .* label is -1"):
+        found = vx.basins(machine, grid, progress=False)
     np.testing.assert_array_equal((found.label == -1).all("v0[0]"), [False, False, False, False, True])
     inside = vx.basins(machine, grid | {"x0[0]": grid["x0[0]"][:4]}, progress=False)
     np.testing.assert_array_equal(found.label[:4], inside.label)
     np.testing.assert_array_equal(found.share, inside.share)
     with pytest.raises(ValueError, match="Every start of the grid lies beyond a stop"):
         vx.basins(machine, grid | {"x0[0]": np.array([0.3, 0.4])}, progress=False)
+
+
+@pytest.mark.thorough
+def test_starts_of_bodies_that_overlap_have_no_label():
+    """Two bodies with friction whose gap is 0.2."""
+    contact, load = vx.Contact({0: 1, 1: -1}, 0.2, 0.6), vx.Harmonic([0.3, 0.0], 1.3)
+    machine = vx.ImpactSystem(
+        [1.0, 1.0], 0.1 * np.eye(2), np.eye(2), load, [contact], friction=[vx.Friction(1, 0.05)]
+    )
+    grid = {"x0[0]": np.linspace(-0.4, 0.8, 4), "x0[1]": np.array([0.0, 0.3])}
+    found = vx.basins(machine, grid, progress=False)
+    overlap = grid["x0[0]"][:, None] - grid["x0[1]"] > 0.2
+    np.testing.assert_array_equal(found.label == -1, overlap)
+    np.testing.assert_allclose(found.share, [1.0])

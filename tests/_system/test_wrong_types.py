@@ -19,6 +19,10 @@ LIST = (
     "Argument `stops` must be a list of `vx.Stop`, `vx.Contact`, `vx.CompliantStop` and `vx.CompliantContact`, "
     "also where there is one, but is"
 )
+LISTS = "Argument `{}` must be a list of `vx.{}`, also where there is one, but is [{}"
+MACHINE = (
+    "Argument `system` must be one machine, a `vx.ImpactSystem`, but is a list: call this for each machine"
+)
 LOAD = "vx.Harmonic([0.4], 0.8)"
 ONE = f"vx.chain([1.0], [0.1], [1.0], {LOAD}, [vx.Stop(0, 0.3)])"
 # The call, and the message.
@@ -50,6 +54,17 @@ WRONG = {
     f"vx.chain([1.0], [0.1], [1.0], {LOAD}, None)": f"{LIST} None",
     f"vx.chain([1.0], [0.1], [1.0], {LOAD}, [0.3])": f"{LIST} [0.3]",
     "vx.chain([1.0], [0.1], [1.0], 0.5)": "Argument `forcing` must be a load, a `vx.Harmonic`",
+    # Elements in the lists of others, and lists of machines.
+    f"vx.chain([1.0], [0.1], [1.0], {LOAD}, [vx.Friction(0, 1.0)])": f"{LIST} [Friction",
+    f"vx.ImpactSystem([1.0], [[0.1]], [[1.0]], {LOAD}, [vx.Jenkins(0, 1.0, 1.0)])": f"{LIST} [Jenkins",
+    f'vx.ImpactSystem([1.0], [[0.1]], [[1.0]], {LOAD}, friction=[vx.CompliantStop(0, 1.0, "upper", 9.0)])': LISTS.format(
+        "friction", "Friction", "Compliant stop"
+    ),
+    f"vx.ImpactSystem([1.0], [[0.1]], [[1.0]], {LOAD}, hysteresis=[vx.Friction(0, 1.0)])": LISTS.format(
+        "hysteresis", "Jenkins", "Friction"
+    ),
+    f"vx.simulate([{ONE}, {ONE}], 0.0, 1.0)": MACHINE,
+    f'vx.sweep([{ONE}, {ONE}], {{"forcing.frequency": [1.0]}})': MACHINE,
     f'vx.simulate({ONE}, "0", 1.0)': f"Argument `t0` {NUMBERS} '0'.",
     f'vx.simulate({ONE}, 0.0, "1")': f"Argument `t1` {NUMBERS} '1'.",
     f'vx.simulate({ONE}, 0.0, 1.0, ["0"])': f"Argument `x0` {NUMBERS} ['0'].",

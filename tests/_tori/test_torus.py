@@ -137,6 +137,26 @@ def test_exponents_are_those_of_a_run(system, torus):
 
 
 @pytest.mark.slow
+def test_the_torus_is_stable_once_more_in_a_second_range_as_runs_have_it(system, branch):
+    (point,) = (a for a in branch.bifurcations if a.kind == "ns")
+    torus = vx.follow_torus(point, (1.5384, 1.6), progress=False)
+    values, is_stable = torus[FREQUENCY].values, torus.is_stable.values
+    assert not is_stable[(values > 1.5395) & (values < 1.543)].any()
+    again = np.flatnonzero(is_stable & (values < 1.5395))
+    assert ((values[again] > 1.5384) & (values[again] < 1.5394)).all()
+    k = again[np.argmin(torus.lyapunov_exponents.values[again, 1])]
+    machine = eqx.tree_at(lambda s: s.forcing.frequency, system, jnp.asarray(values[k]))
+    # From the phase of the section to the end of its period.
+    times = torus.attrs["phase"] / values[k], 2 * np.pi / values[k]
+    begun = vx.simulate(machine, *times, torus.x.values[k, 0], torus.v.values[k, 0])
+    found = vx.lyapunov_exponents(
+        machine, begun.x1, begun.v1, transient=1000, num_periods=4000, progress=False
+    )
+    np.testing.assert_allclose(torus.lyapunov_exponents[k], found, rtol=0, atol=2e-3)
+    assert found[1] < -5e-3  # it attracts
+
+
+@pytest.mark.slow
 def test_a_torus_is_drawn(torus):
     numbers, section = vx.plot.torus(torus)
     assert numbers.get_xlabel() == r"Forcing frequency $\Omega$"

@@ -36,3 +36,15 @@ def test_a_log_grows_with_the_motion_unless_its_length_is_given():
     np.testing.assert_array_equal(long.events.t, cut.events.t[:count])
     np.testing.assert_array_equal(long.evaluate(span - 1)[0], cut.evaluate(span - 1)[0])
     assert vx.simulate(machine, 0.0, 9.0).events.t.shape == (1024,)
+
+
+@pytest.mark.thorough
+def test_a_log_grows_with_the_motion_of_a_machine_of_several_kinds():
+    stops = [vx.CompliantStop(0, 0.5, "upper", 40.0, 0.5), vx.Stop(0, -0.5, "lower", 0.8)]
+    load, rubs = vx.Harmonic([2.0], 1.3), [vx.Friction(0, 0.1)]
+    machine = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, stops, friction=rubs)
+    long, cut = vx.simulate(machine, 0.0, 1500.0), vx.simulate(machine, 0.0, 1500.0, max_events=4000)
+    count = int(long.num_events)
+    assert count == long.events.t.shape[0] == int(cut.num_events) > 1024
+    np.testing.assert_array_equal(long.events.t, cut.events.t[:count])
+    np.testing.assert_array_equal(long.x1, cut.x1)

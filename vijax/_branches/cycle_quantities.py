@@ -3,9 +3,13 @@
 The machine runs once through every orbit that it follows, all of them as lanes of a sweep: so names mean what they mean
 there, and the program of a sweep serves. Orbits that it does not follow have NaN. So has an orbit so unstable that the
 run leaves it within its period.
+
+An impact that grazes turns a rounding error into its square root, so a run leaves a cycle that grazes several times. It is
+repeated with the stops that the cycle does not hit, or all of them, away by `EXACT` sizes of the motion: then what grazes passes.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -18,17 +22,20 @@ from .._dataset_attributes import is_taken, variable_attributes
 from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS
 from .._flow.interface import AbstractFlow
+from .._hybrid.limits import IMPACT
 from .._jax.xla import padding_allowed
 from .._orbits.autonomous import with_unit
+from .._orbits.orbit import PeriodicOrbit
 from .._sweep.quantities import checked_quantities
 from .._sweep.zipped import START, sweep_zipped
+from .._system.contact import AbstractRigidLimit
 from .._system.parameters import machine_at
 from .._system.system import AnySystem, ImpactSystem, machine_of
 from .._trajectory.results import RESULTS
 from .._trajectory.simulate import simulate_all
 from .._trajectory.solution import Solution
 from .branch import Branch
-from .tolerances import NEGLIGIBLE
+from .tolerances import EXACT, NEGLIGIBLE, ROUNDED
 
 # A quantity: one by its name, or a function of one cycle.
 Quantity = str | Callable[[Solution], Any]
@@ -149,10 +156,26 @@ def _stays(system: ImpactSystem, starts: np.ndarray, ends: np.ndarray) -> np.nda
     return (gap <= NEGLIGIBLE * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
 
 
+def _without_touches(system: ImpactSystem, orbit: PeriodicOrbit) -> ImpactSystem:
+    """The machine with stops that an orbit touches, but does not hit, a little away, or all stops if there is none."""
+    log = orbit.events
+    impulses, is_impact = np.abs(np.asarray(log.impulse)), np.asarray(log.kind) == IMPACT
+    is_hard = is_impact & (impulses > ROUNDED * impulses.max(where=is_impact, initial=0))
+    rigid = [j for j, stop in enumerate(system.stops) if isinstance(stop, AbstractRigidLimit)]
+    away = sorted(set(rigid) - set(np.asarray(log.stop)[is_hard].tolist())) or rigid
+    size, positions = np.abs(orbit.x0).max(), lambda system: [system.stops[j].position for j in away]
+    further = [
+        at + system.stops[j].sign * EXACT * (size + abs(at))
+        for j, at in zip(away, positions(system), strict=True)
+    ]
+    return eqx.tree_at(positions, system, further) if away else system
+
+
 class _Cycles:
     """Orbits at the points of a branch that the machine follows."""
 
     def __init__(self, system: AnySystem, points: xr.Dataset, flow: AbstractFlow | None):
+        self.branch = Branch(points, system)
         self.points, self.flow, self.path = points, flow, points.attrs["path"]
         self.is_autonomous = points.attrs["num_periods"] == 0
         # A cycle without load is run as one forcing period, under a load that is constant.
@@ -167,24 +190,34 @@ class _Cycles:
         values = {self.path: self.points[self.path].values}
         if self.is_autonomous:
             values[_FREQUENCY] = 2 * np.pi / self.points["period"].values
-        counts = _counts(self.num_periods, self.num_events)
+        found, stays = self._swept(self.system, values, starts, names)
+        for k in np.flatnonzero(self._grazes & ~stays).tolist():
+            passes = _without_touches(self._machine(values[self.path][k]), self.branch.orbit(k))
+            unit = {path: a[[k]] for path, a in values.items() if path != self.path}
+            one, stays[[k]] = self._swept(passes, unit, starts[[k]], names)
+            for name in names:
+                found[name].values[k] = one[name].values[0]
+        return found.where(xr.DataArray(stays, dims=START))
+
+    @property
+    def _grazes(self) -> np.ndarray:
+        """Flags of the points at a grazing, (points,)."""
+        return self.points["bifurcation"].values == "gr"
+
+    def _swept(
+        self, system: AnySystem, values: dict[str, np.ndarray], starts: np.ndarray, names: list[str]
+    ) -> tuple[xr.Dataset, np.ndarray]:
+        """Quantities of the runs from some starts, and flags of those that come back."""
+        counts, quiet = _counts(self.num_periods, self.num_events), lambda _: None
         run = sweep_zipped(
-            self.system,
-            values,
-            starts,
-            counts,
-            self.flow,
-            DEFAULT_SETTINGS,
-            None,
-            lambda _: None,
-            quantities=names,
+            system, values, starts, counts, self.flow, DEFAULT_SETTINGS, None, quiet, quantities=names
         )
         ends = np.concatenate([run["section_x"][:, -1], run["section_v"][:, -1]], axis=1)
-        n, stays = self.system.num_coordinates, _stays(machine_of(self.system), starts, ends)
-        span = self.num_periods * run["forcing_period"].values[:, None]
+        n = self.system.num_coordinates
         if "mean_velocity" in names:
+            span = self.num_periods * run["forcing_period"].values[:, None]
             run["mean_velocity"].values[:] = (ends[:, :n] - starts[:, :n]) / span
-        return xr.Dataset({name: run[name].where(xr.DataArray(stays, dims=START)) for name in names})
+        return run[names], _stays(machine_of(self.system), starts, ends)
 
     def values_of(self, function: Callable[[Solution], Any]) -> np.ndarray:
         """Values of a function of one cycle, points first; NaN where the run leaves the orbit."""
@@ -200,7 +233,11 @@ class _Cycles:
         system = self._machine(point[self.path].values)
         if self.is_autonomous:
             system = with_unit(system, float(point["period"]))
-        return run_of_cycle(system, self.num_periods, self.phase, start, self.flow, self.num_events)
+        run = partial(run_of_cycle, flow=self.flow, num_events=self.num_events)
+        found = run(system, self.num_periods, self.phase, start)
+        if found is None and self._grazes[k]:
+            found = run(_without_touches(system, self.branch.orbit(k)), self.num_periods, self.phase, start)
+        return found
 
     def _machine(self, value: Any) -> ImpactSystem:
         return machine_at(jax.tree.map(jnp.asarray, self.system), self.path, value)
