@@ -8,17 +8,19 @@ from scipy.interpolate import BPoly
 
 from vijax._branches import test_functions as tests
 from vijax._branches.admissibility import Margins
+from vijax._branches.batches import Stock
 from vijax._branches.corrector import Corrected
 from vijax._branches.kernels import CorrectedCycle, corrected_cycle
 from vijax._branches.margin_scan import LeastMargins
 from vijax._branches.minima import _NODES, _at_nodes
+from vijax._branches.multiplier_functions import of_doubling, of_meeting, of_neighbours, of_pairs
 from vijax._branches.padding import MOST_EVENTS, padded
 from vijax._branches.parameter_family import ExtendedCycle, ParameterFamily
 from vijax._branches.point import BranchPoint, PlainPoint, TooManyEvents, stacked_cycles
 from vijax._branches.requests import KernelCall
 from vijax._branches.scheduler import _next_request
 from vijax._branches.step_kernel import each_row
-from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
+from vijax._branches.test_functions import crossings, margins, num_unstable
 from vijax._hybrid.limits import IMPACT, RELEASE
 from vijax._jax.packing import pack
 from vijax._orbits.sequence import Sequence
@@ -41,7 +43,7 @@ def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> CorrectedCyc
         some(STOPS), some(STOPS), stops, force, some(STOPS), stops, some(STOPS), stops, stops > 0, some()
     )
     rates = Margins(some(ROOM), some(STOPS), some(STOPS), some(STOPS))
-    return jax.device_get(CorrectedCycle(found, watched, rates, some(4), some(5)))
+    return jax.device_get(CorrectedCycle(found, watched, rates, some(4), of_neighbours(found), some(5)))
 
 
 def sequence_of(rng: np.random.Generator, num_events: int) -> Sequence:
@@ -70,8 +72,9 @@ def test_functions_of_multipliers_are_those_of_each_branch():
     rows = [np.asarray(seen(rng).found.multipliers) for _ in range(6)]
     rows[2] = np.array([np.inf, 0.2, -0.5, 0.1], complex)
     together, alone = seen(rng, np.stack(rows)), [seen(rng, mu) for mu in rows]
-    for of in [*(test.of for test in TESTS_OF_NEIGHBOURS[1:]), num_unstable]:
-        np.testing.assert_allclose(of(together), [of(one) for one in alone], rtol=1e-14)
+    for of in (of_doubling, of_meeting, of_pairs):
+        np.testing.assert_allclose(of(np.stack(rows)), [of(mu) for mu in rows], rtol=1e-14)
+    np.testing.assert_allclose(num_unstable(together), [num_unstable(one) for one in alone], rtol=1e-14)
 
 
 def test_points_side_by_side_are_what_each_is_alone():
@@ -105,7 +108,8 @@ def test_a_branch_that_comes_to_too_many_events_is_told_so():
             yield KernelCall(corrected_cycle, sequence_of(rng, 3), (str(why),))
 
     rng = np.random.default_rng(0)
-    assert _next_request(object.__new__(ParameterFamily), task(), None).arguments == ("max_events",)
+    family, stock = object.__new__(ParameterFamily), object.__new__(Stock)
+    assert _next_request(family, stock, task(), None).arguments == ("max_events",)
 
 
 def test_a_batch_of_one_is_computed_without_vmap_with_the_same_numbers():

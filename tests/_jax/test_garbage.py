@@ -1,4 +1,4 @@
-"""Python's search for garbage is off while a program is traced, and as before afterwards."""
+"""Python's search for garbage is off while a program is traced, rare while branches are followed, and as before afterwards."""
 
 import gc
 import threading
@@ -6,7 +6,7 @@ import threading
 import jax.numpy as jnp
 import pytest
 
-from vijax._jax.garbage import without_garbage_collection
+from vijax._jax.garbage import with_rare_garbage_collection, without_garbage_collection
 from vijax._jax.programs import Programs
 
 
@@ -66,3 +66,30 @@ def test_it_is_off_while_a_program_is_traced():
     assert Programs(function, lambda: None)(jnp.array(1.0)) == 2
     assert was_on[0] is False
     assert gc.isenabled()
+
+
+def test_it_is_rare_in_a_block_and_as_before_behind_it():
+    class Ring:
+        def __init__(self):
+            self.own = self
+
+    before = gc.get_threshold()
+    with with_rare_garbage_collection():
+        with pytest.raises(RuntimeError, match="stop"), with_rare_garbage_collection():
+            raise RuntimeError("stop")
+        num = gc.get_stats()[0]["collections"]
+        rings = [Ring() for _ in range(10 * before[0])]
+        assert gc.get_stats()[0]["collections"] == num
+        del rings
+        assert gc.isenabled()
+    assert gc.get_threshold() == before
+
+
+def test_it_stays_never_where_the_user_has_set_it_so():
+    before = gc.get_threshold()
+    gc.set_threshold(0, *before[1:])
+    try:
+        with with_rare_garbage_collection():
+            assert gc.get_threshold()[0] == 0
+    finally:
+        gc.set_threshold(*before)

@@ -27,12 +27,15 @@ class Stock:
     Attributes:
         has_grip: True with friction of contacts.
         switches: True for machines whose forces switch.
+        has_second: True for families of two parameters.
+        known: answers that hold for all of them, see `HostCall`.
     """
 
     def __init__(self, families: dict[int, ParameterFamily]):
         # What a family has depends on its tree structure and shapes alone: it is not asked of each.
         first = next(iter(families.values()))
         self.switches, self.has_grip = machine_of(first.system).is_switching, first.has_tied_friction
+        self.has_second, self.known = first.second is not None, {}
         own = {id(family): family for family in families.values()}
         self.rows = pack(stacked(list(own.values())), has_rows=True)
         rows = {one: row for row, one in enumerate(own)}
@@ -151,14 +154,16 @@ def _compiled_corrections() -> Callable:
     return jit_for_lanes(of_rows, name=(take_steps.__module__, of_rows.__name__))
 
 
-def makes_of(families: Many[ParameterFamily]) -> tuple[list[Hashable], dict[Hashable, Stock]]:
-    """Make (tree structure and shapes) of each family, and the stacked families of each make."""
-    members: dict[Hashable, dict[int, ParameterFamily]] = {}
+def makes_of(families: Many[ParameterFamily]) -> tuple[list[int], list[Stock]]:
+    """Number of the make (tree structure and shapes) of each family, and the stacked families of each make."""
+    members: dict[int, dict[int, ParameterFamily]] = {}
+    numbers: dict[Hashable, int] = {}
     makes, known = [], {}
     for k, family in enumerate(families):
         if id(family) not in known:
             leaves, structure = jax.tree.flatten(family)
-            known[id(family)] = (structure, *(np.shape(a) for a in leaves))
+            make = structure, *map(np.shape, leaves)
+            known[id(family)] = numbers.setdefault(make, len(numbers))
         makes.append(known[id(family)])
         members.setdefault(makes[-1], {})[k] = family
-    return makes, {make: Stock(own) for make, own in members.items()}
+    return makes, [Stock(own) for own in members.values()]

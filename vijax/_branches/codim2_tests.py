@@ -14,6 +14,7 @@ from .._orbits.sequence import SECOND, Sequence
 from .codim1_point import CurvePoint, LinearisedReturn
 from .defining_systems import AbstractCondition, AtEvent, AtTurn, DefiningSystem
 from .kinds import Kind, public_kind
+from .multiplier_functions import of_doubling, of_meeting, of_pairs
 from .parameter_family import ExtendedCycle
 from .sequence_edits import with_order_exchanged, without_event
 from .test_functions import (
@@ -21,9 +22,6 @@ from .test_functions import (
     is_between_events,
     kind_at,
     num_on_circle,
-    of_doubling,
-    of_meeting,
-    of_pairs,
     tests_of,
 )
 from .tolerances import AT_BIFURCATION, HALF_DIGITS, INFINITE_MULTIPLIER, ROUNDED

@@ -23,6 +23,7 @@ from .batch_margins import margins_of_cycles, rates_of_cycles
 from .batch_moments import moments_of_cycles
 from .corrector import Corrected, correct, evaluate_at
 from .margin_scan import LeastMargins
+from .multiplier_functions import of_neighbours
 from .padding import room_of_log
 from .parameter_family import ExtendedCycle, ParameterFamily
 
@@ -38,14 +39,15 @@ class CorrectedCycle(NamedTuple):
         watched: its margins between events.
         rates: of the margins along the branch.
         start: its start in space, (2 n,).
-        past: the four functions of multipliers, see `of_neighbours`, of the point from which a step led here, and the
-            length of the step; NaN if none did.
+        neighbours: functions of it that vanish beside others, see `of_neighbours`, (4,).
+        past: those of the point from which a step led here, and the length of the step; NaN if none did.
     """
 
     found: Corrected
     watched: LeastMargins
     rates: Margins
     start: Float[Array, " state"]
+    neighbours: Float[Array, " functions"]
     past: Float[Array, " past"]
 
 
@@ -101,7 +103,8 @@ def corrected_cycles(
     except NotImplementedError:  # a law of restitution may be made of anything
         return jax.vmap(corrected_cycle)(*given)
     starts = jax.vmap(_start_of)(families, sequences, places)
-    return CorrectedCycle(found, watched, moved, starts, jnp.full((len(starts), PAST), jnp.nan, starts.dtype))
+    past = jnp.full((len(starts), PAST), jnp.nan, starts.dtype)
+    return CorrectedCycle(found, watched, moved, starts, jax.vmap(of_neighbours)(found), past)
 
 
 def _place_of(found: Corrected, guess: ExtendedCycle) -> ExtendedCycle:
@@ -165,7 +168,8 @@ def _with_rates(
     """The corrected cycle with its margins, and their rates along the branch."""
     rates = _rates_at(equations, place.p, found.tangent.p, moments, watched)
     start = _start_in_space(family, equations.problem, place)
-    return CorrectedCycle(found, watched, rates, start, jnp.full(PAST, jnp.nan, start.dtype))
+    past = jnp.full(PAST, jnp.nan, start.dtype)
+    return CorrectedCycle(found, watched, rates, start, of_neighbours(found), past)
 
 
 def _rates_at(

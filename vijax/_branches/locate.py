@@ -20,7 +20,6 @@ from .test_functions import (
     kind_at,
     num_on_circle,
     num_unstable,
-    of_neighbours,
 )
 from .tolerances import AT_BIFURCATION, HALF_DIGITS, JUST_BEFORE, LARGE_MULTIPLIER, NEGLIGIBLE
 
@@ -117,7 +116,7 @@ def special_points(
     """Bifurcations on a step, in order, and whether the number of unstable multipliers implies no more of them."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
-    crossed = is_crossed(of_neighbours(point.seen), of_neighbours(new.seen))
+    crossed = is_crossed(point.seen.neighbours, new.seen.neighbours)
     for test in compress(TESTS_OF_NEIGHBOURS, crossed):
         if test.kind in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT) and is_infinite:
             continue

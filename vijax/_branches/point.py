@@ -10,6 +10,7 @@ from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, corrected_cycle
 from .kinds import EndKind
+from .multiplier_functions import of_neighbours
 from .padding import trimmed
 from .parameter_family import ExtendedCycle
 from .requests import KernelCall, Requests, ask, simulation_of
@@ -71,8 +72,9 @@ class BranchPoint(NamedTuple):
         """The point with the opposite tangent."""
         found, rates = self.seen.found, type(self.seen.rates)(*(-rate for rate in self.seen.rates))
         found = found._replace(tangent=found.tangent.turned())
-        past = np.full_like(self.seen.past, np.nan)
-        return self._replace(seen=self.seen._replace(found=found, rates=rates, past=past))
+        neighbours, past = of_neighbours(found), np.full_like(self.seen.past, np.nan)
+        seen = self.seen._replace(found=found, rates=rates, neighbours=neighbours, past=past)
+        return self._replace(seen=seen)
 
 
 class PlainPoint(NamedTuple):

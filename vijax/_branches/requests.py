@@ -58,10 +58,20 @@ class HostCall(Request[T]):
     Attributes:
         function: of the family.
         sequence: events of the cycle.
+        of_make: True if all families of one tree structure and shapes have the same answer.
     """
 
     function: Callable[[ParameterFamily], T]
     sequence: Sequence
+    of_make: bool = False
+
+    def answer(self, family: ParameterFamily, known: dict[Callable, Any]) -> T:
+        """The answer; `known` are those for the make of the family."""
+        if not self.of_make:
+            return self.function(family)
+        if self.function not in known:
+            known[self.function] = self.function(family)
+        return known[self.function]
 
 
 def simulation_of(sequence: Sequence, place: ExtendedCycle) -> KernelCall[SimulatedMotion]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence as Many
 from dataclasses import replace
 from typing import Any
 
+from .._jax.garbage import with_rare_garbage_collection
 from .._orbits.sequence import NOTHING
 from .batches import Stock, call, makes_of, stacked
 from .kernels import simulate_motion
@@ -27,34 +28,37 @@ def drive(
     makes, stocks = makes_of(families)
     groups: dict[tuple, _Calls | StepBatch] = {}
     replies: dict[int, Any] = dict.fromkeys(range(len(tasks)))
-    while True:
-        for k, reply in replies.items():
-            try:
-                request = _next_request(families[k], tasks[k], reply)
-            except StopIteration as end:
-                results[k] = end.value
-                continue
-            program = request.program if isinstance(request, KernelCall) else None
-            room = room_for(len(request.sequence.kind))
-            if program in PARTS and families[k].second is None:
-                program = None
-            key = program, room, makes[k]
-            if key not in groups:
+    with with_rare_garbage_collection():
+        while True:
+            for k, reply in replies.items():
                 stock = stocks[makes[k]]
-                groups[key] = _Calls(stock, room, program) if program else StepBatch(stock, room)
-            groups[key].add(k, request)
-        largest = max(groups.values(), key=len, default=())
-        if not largest:
-            return results
-        replies = largest.answer()
-        tell_progress()
+                try:
+                    request = _next_request(families[k], stock, tasks[k], reply)
+                except StopIteration as end:
+                    results[k] = end.value
+                    continue
+                program = request.program if isinstance(request, KernelCall) else None
+                room = room_for(len(request.sequence.kind))
+                if program in PARTS and not stock.has_second:
+                    program = None
+                key = program, room, makes[k]
+                if key not in groups:
+                    groups[key] = _Calls(stock, room, program) if program else StepBatch(stock, room)
+                groups[key].add(k, request)
+            largest = max(groups.values(), key=len, default=())
+            if not largest:
+                return results
+            replies = largest.answer()
+            tell_progress()
 
 
-def _next_request(family: ParameterFamily, task: Requests[Any], reply: Any) -> KernelCall[Any] | PlainSteps:
+def _next_request(
+    family: ParameterFamily, stock: Stock, task: Requests[Any], reply: Any
+) -> KernelCall[Any] | PlainSteps:
     """Next request of a task after a reply; one with too many events throws `TooManyEvents` into this task alone."""
     request = task.send(reply)
     while isinstance(request, HostCall):
-        request = task.send(request.function(family))
+        request = task.send(request.answer(family, stock.known))
     while len(request.sequence.kind) > MOST_EVENTS:
         request = task.throw(TooManyEvents("max_events"))
     assert isinstance(request, KernelCall | PlainSteps)

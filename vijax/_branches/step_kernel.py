@@ -42,7 +42,6 @@ from .steps import (
     is_resolved,
     next_length,
 )
-from .test_functions import of_neighbours
 from .tolerances import SHORTEST_STEP
 
 
@@ -247,7 +246,7 @@ def _prediction(
 
 def _with_past(seen: CorrectedCycle, point: CorrectedCycle, ds: Scalar) -> CorrectedCycle:
     """The corrected cycle of a step, with what the next one needs of the point where it began."""
-    return seen._replace(past=jnp.append(of_neighbours(point), ds))
+    return seen._replace(past=jnp.append(point.neighbours, ds))
 
 
 def _judged(
@@ -306,7 +305,7 @@ def blank_cycles(
     grip = zeros(events.shape[1], num) if has_grip else None
     watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros(), grip)
     margins, past = Margins(events, none, none, none), zeros(PAST) + np.nan
-    return CorrectedCycle(found, watched, margins, zeros(size), past)
+    return CorrectedCycle(found, watched, margins, zeros(size), zeros(PAST - 1), past)
 
 
 def each_row(function: Callable) -> Callable:

@@ -18,7 +18,7 @@ from .kernels import CorrectedCycle, SimulatedMotion
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch
 from .requests import Request
-from .test_functions import grips, is_crossed, margins, num_unstable, of_neighbours, test_slopes
+from .test_functions import grips, is_crossed, margins, num_unstable, test_slopes
 from .tolerances import (
     FIRST_STEP,
     LEAST_COSINE,
@@ -112,7 +112,7 @@ class StepState(NamedTuple):
             seen.found.tangent,
             margins(sequence, seen),
             test_slopes(sequence, seen),
-            of_neighbours(seen),
+            seen.neighbours,
             grips(sequence, seen),
             num_unstable(seen),
             seen.found.multipliers,

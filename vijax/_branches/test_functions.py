@@ -1,7 +1,7 @@
 """Test functions of a cycle, which change sign at an event or a bifurcation of a branch."""
 
 from collections.abc import Callable, Sequence as Many
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,9 +12,8 @@ from .._machine.state import AHEAD, BEHIND, FREE, SPRING, STICKING
 from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
+from .multiplier_functions import Multipliers
 from .tolerances import AT_BIFURCATION, HALF_DIGITS, LIGHT_IMPACT, LOCATED, ROUNDED_FUNCTION
-
-Multipliers = Any
 
 
 class TestFunction(NamedTuple):
@@ -37,43 +36,6 @@ class TestFunction(NamedTuple):
     least: str = ""
 
 
-def _ratio(values: Any, of: Any) -> Any:
-    """Product of values / (1 + |of|), which is finite where a multiplier is not."""
-    xp = array_namespace(values, of)
-    with np.errstate(invalid="ignore"):
-        parts = values / (1 + xp.abs(of))
-    is_finite = xp.isfinite(parts)
-    if xp is not np or not is_finite.all():
-        parts = xp.where(is_finite, parts, xp.sign(of.real))
-    return xp.prod(parts, axis=-1).real
-
-
-def of_doubling(mu: Multipliers) -> Any:
-    """Function of multipliers that is zero where one is -1."""
-    return _ratio(1 + mu, mu)
-
-
-def of_meeting(mu: Multipliers) -> Any:
-    """Function of multipliers that is zero where one is 1."""
-    return _ratio(mu - 1, mu)
-
-
-@cache
-def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the first and of the second member of all pairs."""
-    first, second = np.triu_indices(size, 1)
-    return first, second
-
-
-def of_pairs(mu: Multipliers) -> Any:
-    """Function of multipliers that is zero where the product of two is 1."""
-    first, second = _pairs(mu.shape[-1])
-    xp = array_namespace(mu)
-    with np.errstate(invalid="ignore"):
-        products = mu[..., first] * mu[..., second]
-    return _ratio(products - 1, xp.where(xp.isnan(products), 0, products))
-
-
 def num_on_circle(mu: Multipliers) -> int:
     """Number of multipliers on the unit circle that are not real."""
     return int(
@@ -81,18 +43,10 @@ def num_on_circle(mu: Multipliers) -> int:
     )
 
 
-TESTS_OF_NEIGHBOURS = (
-    TestFunction(Kind.FOLD, lambda seen: seen.found.tangent.p),
-    TestFunction(Kind.PERIOD_DOUBLING, lambda seen: of_doubling(seen.found.multipliers)),
-    TestFunction(Kind.BRANCH_POINT, lambda seen: of_meeting(seen.found.multipliers)),
-    TestFunction(Kind.NEIMARK_SACKER, lambda seen: of_pairs(seen.found.multipliers)),
+TESTS_OF_NEIGHBOURS = tuple(
+    TestFunction(kind, lambda seen, k=k: seen.neighbours[k])
+    for k, kind in enumerate((Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT, Kind.NEIMARK_SACKER))
 )
-
-
-def of_neighbours(seen: CorrectedCycle) -> Any:
-    """Values of `TESTS_OF_NEIGHBOURS`, (4,)."""
-    values = [test.of(seen) for test in TESTS_OF_NEIGHBOURS]
-    return array_namespace(*values).stack(values)
 
 
 def is_crossed(before: Any, after: Any) -> Any:

@@ -77,17 +77,23 @@ def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
 
 def _elements(event: BranchPoint) -> Requests[Elements]:
     """The elements of the machine at a point."""
+    known = yield from ask(HostCall(_elements_of, event.sequence, of_make=True))
+    if not has_several_of_a_kind(known.kinds):
+        return known
 
-    def of(family: ParameterFamily) -> Elements:
-        system = machine_of(family.system)
-        kinds, contacts = tuple(kinds_of_elements(system)), tuple(contacts_of_elements(system))
-        pairs = [((0,) * len(kinds),) * len(kinds)] * 2
-        if has_several_of_a_kind(kinds):
-            found = side_by_side(numbers_of(family.system_at(event.place.p)))
-            pairs = [tuple(map(tuple, np.asarray(own, int).tolist())) for own in found]
-        return Elements(kinds, contacts, *pairs)
+    def pairs(family: ParameterFamily) -> list[tuple[tuple[int, ...], ...]]:
+        found = side_by_side(numbers_of(family.system_at(event.place.p)))
+        return [tuple(map(tuple, np.asarray(own, int).tolist())) for own in found]
 
-    return (yield from ask(HostCall(of, event.sequence)))
+    rests, slips = yield from ask(HostCall(pairs, event.sequence))
+    return known._replace(rests=rests, slips=slips)
+
+
+def _elements_of(family: ParameterFamily) -> Elements:
+    system = machine_of(family.system)
+    kinds = tuple(kinds_of_elements(system))
+    none = ((0,) * len(kinds),) * len(kinds)
+    return Elements(kinds, tuple(contacts_of_elements(system)), none, none)
 
 
 def _acting(at: CornerInstant, elements: Elements) -> tuple[int, ...]:
