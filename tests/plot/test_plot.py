@@ -54,6 +54,14 @@ def test_a_bifurcation_diagram_has_a_point_for_every_impact_of_its_stop(swept, s
     assert points(line) == set(expected)
 
 
+def test_a_panel_without_a_point_says_that_its_stop_has_no_impact(swept):
+    quiet = swept.assign(num_impacts=swept.num_impacts.where(swept.stop != 1, 0))
+    with pytest.warns(UserWarning, match="no impact at stop 1 was recorded"):
+        vx.plot.bifurcation(quiet, 1)
+    vx.plot.bifurcation(quiet, 0)
+    vx.plot.bifurcation(quiet, None)
+
+
 def test_a_bifurcation_diagram_goes_into_the_axes_given(swept):
     _, (left, right) = plt.subplots(1, 2)
     assert vx.plot.bifurcation(swept, ax=right) is right

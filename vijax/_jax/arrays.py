@@ -138,7 +138,13 @@ def refuse_single_precision(who: str, *given: Any) -> None:
 def check_type(name: str, value: Any, kinds: type | tuple[type, ...], words: str) -> None:
     """Reject an argument of another type; `words` say what it must be."""
     if not isinstance(value, kinds):
-        raise ValueError(f"Argument `{name}` must be {words}, but is a {type(value).__name__}.")
+        raise ValueError(f"Argument `{name}` must be {words}, but is {a_kind_of(value)}.")
+
+
+def a_kind_of(value: Any) -> str:
+    """Type of a value with its article, as "an ImpactSystem"."""
+    name = type(value).__name__
+    return f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"
 
 
 def whole_number(name: str, value: Any, least: int = 0) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._descriptions import as_html, as_text
-from .._jax.arrays import Numbers, as_float, in_full_precision, whole_number
+from .._jax.arrays import Numbers, a_kind_of, as_float, in_full_precision, whole_number
 from .._jax.concrete import concrete
 from .._jax.errors import checked
 from .._printing import describe_system
@@ -350,7 +350,7 @@ def machine_of(system: AnySystem) -> ImpactSystem:
     machine = system.bound_system if isinstance(system, AbstractFamily) else system
     if not isinstance(machine, ImpactSystem):
         raise ValueError(
-            f"Argument `system` must be one machine, a `vx.ImpactSystem`, but is a {type(system).__name__}: call this for each "
+            f"Argument `system` must be one machine, a `vx.ImpactSystem`, but is {a_kind_of(system)}: call this for each "
             "machine, or sweep the numbers in which they differ."
         )
     return machine

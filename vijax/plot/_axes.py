@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox, TransformedBbox
 
-from .._jax.arrays import whole_number
+from .._jax.arrays import a_kind_of, whole_number
 from .._sweep.short_names import with_paths
 from ._labels import LENGTH, VELOCITY, Units, with_unit
 
@@ -59,7 +59,7 @@ def named_datasets(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
     ):
         raise ValueError(
             "Argument `ds` must be what `vx.sweep` returned, or several such by their names, as in "
-            f'`{{"up": one, "down": other}}`, but is a {type(ds).__name__}.'
+            f'`{{"up": one, "down": other}}`, but is {a_kind_of(ds)}.'
         )
     named = {style.pop("label", ""): ds} if isinstance(ds, xr.Dataset) else dict(ds)
     if not named:

@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._dataset_checks import check_columns
+from .._jax.users_line import users_line
 from .._sweep.literals import ImpactOrdinate, Quantity
 from .._sweep.outcomes import warn_of_endings
 from ._axes import (
@@ -150,6 +151,7 @@ def bifurcation(
     quantity = None if ordinate in ORDINATES else ordinate_of(ordinate, one)
     if quantity is None:
         numbers = stops_to_draw(stop, num_stops)
+        _warn_if_empty(list(sweeps.values()), numbers)
     else:
         _check_quantity(quantity, mass, min(ds.sizes["mass"] for ds in sweeps.values()), orbits)
         numbers = stops_to_draw(stop, num_stops) if quantity.axis == "stop" else [mass]
@@ -204,13 +206,19 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
         )
     for ds in sweeps:
         warn_of_endings(ds, "max_impacts_reached")
-    if all("num_impacts" in ds and not ds["num_impacts"].values.any() for ds in sweeps):
-        warnings.warn(
-            "The diagram is empty: no impact on a rigid stop was recorded. "
-            '`ordinate="section_position"` shows the motion, as do the `quantities` of `vx.sweep`.',
-            stacklevel=3,
-        )
     return path, num_stops
+
+
+def _warn_if_empty(sweeps: list[xr.Dataset], stops: Sequence[int]) -> None:
+    """Warn where no impact was recorded at the stops that are drawn."""
+    counts = [ds["num_impacts"].transpose("stop", ...).values for ds in sweeps if "num_impacts" in ds]
+    if len(counts) == len(sweeps) and not any(count[list(stops)].any() for count in counts):
+        where = f"at stop {stops[0]}" if len(stops) == 1 else "at any stop"
+        warnings.warn(
+            f"The diagram is empty: no impact {where} was recorded, and compliant stops have none. "
+            '`ordinate="section_position"` shows the motion, as do the `quantities` of `vx.sweep`.',
+            stacklevel=users_line(),
+        )
 
 
 def _check_known(sweeps: list[xr.Dataset], ordinate: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from .._branches.branch import Branch
+from .._jax.arrays import a_kind_of
 from ._ordinates import Ordinate, ordinate_of, ordinates
 
 # More branches than these share colours and legend entries, one for each kind of motion.
@@ -32,7 +33,7 @@ def named_branches(
     if not all(isinstance(one, Branch) for one in several):
         raise ValueError(
             "Argument `branches` must be what `vx.continuation` returned, several such in a list, or by their names in a "
-            f"dict, but is a {type(branches).__name__}."
+            f"dict, but is {a_kind_of(branches)}."
         )
     if isinstance(branches, Mapping):
         return several, list(branches)

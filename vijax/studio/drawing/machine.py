@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..._jax.arrays import Numbers
+from ..._jax.arrays import Numbers, a_kind_of
 from ..._system.system import AbstractFamily, AnySystem, ImpactSystem, machine_of
 from ...plot._axes import create_axes, figure_of
 from .arrangement import Pose
@@ -72,7 +72,7 @@ def machine(
     check_positive(positive)
     if not isinstance(system, ImpactSystem | AbstractFamily):
         raise ValueError(
-            f"Argument `system` must be a machine, a `vx.ImpactSystem` or `vx.Family`, but is a {type(system).__name__}."
+            f"Argument `system` must be a machine, a `vx.ImpactSystem` or `vx.Family`, but is {a_kind_of(system)}."
         )
     # NumPy arrays, so that nothing is compiled for a picture.
     own: ImpactSystem = jax.tree.map(np.asarray, machine_of(system))
