@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -76,7 +76,7 @@ class Scene(NamedTuple):
         return ROUNDING * self.state_amplification
 
 
-def slow_except(kept: Iterable[str], names: Iterable[str]) -> list:
+def slow_except(kept: Iterable[Any], names: Iterable[Any]) -> list:
     """Cases of a test, all slow but a few that stand for the others."""
     return [name if name in kept else pytest.param(name, marks=pytest.mark.slow) for name in names]
 

@@ -1,4 +1,4 @@
-"""Calls of public functions: where an argument of a wrong kind makes one fail, a sentence names it.
+"""Calls of public functions: where an argument of a wrong kind makes one fail, a sentence names it; another follows Ctrl-C.
 
 What a function refuses itself it says best, and passes unchanged. Else Python speaks from deep inside, as "'str' object has no attribute
 'lanes'", and the annotations say which argument cannot be what it is. Nothing is looked at before a call fails, so calls cost what they did, and
@@ -59,11 +59,16 @@ def with_explained_errors(public: Any, module: str) -> Any:
     def explained(*args: Any, **named: Any) -> Any:
         try:
             return public(*args, **named)
+        except KeyboardInterrupt as stopped:
+            if stopped.args:  # says itself what is kept
+                raise
+            told = KeyboardInterrupt("Stopped; nothing is kept, and the same call begins anew.")
         except (TypeError, AttributeError, LookupError, ValueError) as error:
             sentence = _explanation(public, args, named, error)
             if sentence is None:
                 raise
-        raise ValueError(sentence)
+            told = ValueError(sentence)
+        raise told
 
     explained.__module__ = module  # where `pickle` finds this one
     return explained

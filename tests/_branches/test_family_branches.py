@@ -56,7 +56,7 @@ def test_an_orbit_keeps_its_family(family, orbit):
     alone = settled(rotor(SPEED))
     np.testing.assert_array_equal(orbit.x0, alone.x0)
     np.testing.assert_array_equal(orbit.multipliers, alone.multipliers)
-    (found,) = vx.find_periodic_orbits(family, 1, [[float(orbit.x0[0]), float(orbit.v0[0])]], progress=False)
+    (found,) = vx.find_periodic_orbits(family, [[float(orbit.x0[0]), float(orbit.v0[0])]], 1, progress=False)
     assert isinstance(found.system, vx.Family)
 
 

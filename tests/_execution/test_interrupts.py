@@ -78,7 +78,7 @@ def stopping(function: Callable, at: int = 1) -> Callable:
 LONG = {
     "sweep": lambda: vx.sweep(oscillator(), {AMPLITUDE: np.linspace(0.3, 0.4, 200)}, transient=1000),
     "periodic_orbits": lambda: vx.periodic_orbits(swept()),
-    "find_periodic_orbits": lambda: vx.find_periodic_orbits(oscillator(), 1, STARTS),
+    "find_periodic_orbits": lambda: vx.find_periodic_orbits(oscillator(), STARTS, 1),
     "attractors": lambda: vx.attractors(oscillator(), 40),
     "basins": lambda: vx.basins(oscillator(), GRID),
     "follow_attractors": lambda: vx.follow_attractors(oscillator(), AMPLITUDE, [0.36, 0.38], 40),
@@ -97,14 +97,16 @@ def test_ctrl_c_is_raised_by_every_long_call(name, monkeypatch):
     for made in (orbit, orbits, doubling):
         made()
     monkeypatch.setattr(tqdm, "update", stopping(tqdm.update))
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt, match=r"^Stopped; .*(kept|`result`)"):
         LONG[name]()
 
 
 def test_ctrl_c_is_raised_while_motions_are_classified(monkeypatch):
     monkeypatch.setattr(classify, "recurrence", stopping(classify.recurrence))
     ds = swept()
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(
+        KeyboardInterrupt, match=r"^Stopped; nothing is kept, and the same call begins anew.$"
+    ):
         vx.classify(ds)
 
 

@@ -58,7 +58,7 @@ def states_of(system: vx.ImpactSystem, *names: str) -> xr.Dataset:
 
 NEEDS = {
     "periodic_orbit": lambda s: vx.periodic_orbit(s, [-0.1], [0.1]),
-    "find_periodic_orbits": lambda s: vx.find_periodic_orbits(s, 1, [[-0.1, 0.1]]),
+    "find_periodic_orbits": lambda s: vx.find_periodic_orbits(s, [[-0.1, 0.1]], 1),
     "periodic_orbits": lambda s: vx.periodic_orbits(states_of(s, "x")),
     "continuation": lambda s: vx.continuation(orbit_in(bits_of(s)), FREQUENCY, (2.3, 2.5)),
     "branches": lambda s: vx.branches(states_of(s, "x0", "converged")),

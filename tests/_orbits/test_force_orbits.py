@@ -70,7 +70,7 @@ def test_a_search_tells_its_last_run():
     again = vx.periodic_orbit(system, orbit.x0, orbit.v0)
     np.testing.assert_allclose(again.x0, orbit.x0, rtol=SOLVED)
     np.testing.assert_allclose(again.events.t[:1], orbit.events.t[:1], rtol=SOLVED)
-    (many,) = vx.find_periodic_orbits(system, 1, [[0.1, 0.0]], progress=False)
+    (many,) = vx.find_periodic_orbits(system, [[0.1, 0.0]], 1, progress=False)
     np.testing.assert_allclose(many.x0, orbit.x0, rtol=SOLVED)
     np.testing.assert_allclose(many.events.t[:1], orbit.events.t[:1], rtol=SOLVED)
     np.testing.assert_allclose(np.sort(many.multipliers), np.sort(orbit.multipliers), rtol=SOLVED)

@@ -280,7 +280,7 @@ def test_orbits_of_one_mass_stable_and_unstable():
         stops = [vx.Stop(0, place, "upper", r)]
         system = vx.ImpactSystem([1.0], [[damping]], [[1.0]], vx.Harmonic([1.0], frequency), stops)
         starts = place - 2 * rng.uniform(0, 1, (64, 1)), frequency * rng.normal(size=(64, 1))
-        for orbit in vx.find_periodic_orbits(system, n, starts, max_events=FEW, progress=False):
+        for orbit in vx.find_periodic_orbits(system, starts, n, max_events=FEW, progress=False):
             assert_happens_alike(orbit)
             first, second = np.abs(orbit.multipliers)
             assert float(orbit.residual) < CLOSING * max(1.0, first)

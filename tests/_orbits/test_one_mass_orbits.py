@@ -2,6 +2,8 @@
 
 from functools import cache
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact_orbits import Table, exact_orbit
@@ -28,7 +30,7 @@ def orbits_of(system, num_periods, *, seed=0, size=2.0, starts=60):
     rng, stop = np.random.default_rng(seed), float(system.stops[0].position)
     x = stop - size * rng.uniform(0, 1, (starts, 1))
     guesses = x, rng.normal(0, size, (starts, 1))
-    return vx.find_periodic_orbits(system, num_periods, guesses, max_events=ROOM, progress=False)
+    return vx.find_periodic_orbits(system, guesses, num_periods, max_events=ROOM, progress=False)
 
 
 def speeds(orbits, impacts=1):
@@ -203,6 +205,37 @@ def test_without_impacts_it_is_the_response_to_the_load():
     response = 0.3 / (1 - 0.25 + 0.05j)
     np.testing.assert_allclose([orbit.x0[0], orbit.v0[0]], [response.real, -0.5 * response.imag], rtol=1e-14)
     assert int(orbit.num_impacts[0]) == 0
+
+
+@pytest.mark.slow
+def test_a_compiled_program_warns_of_an_orbit_that_it_does_not_find():
+    """An optimiser sees only the loss, which is then NaN or that of no motion."""
+
+    def loss(stop):
+        system = one_mass(3.7, 1.0, damping=0.0, restitution=0.8, stop=stop)
+        orbit = vx.periodic_orbit(system, [-1.0], [0.5], 2, max_events=ROOM, throw=False)
+        return jnp.abs(orbit.events.velocity_minus[0])
+
+    program = jax.jit(jax.value_and_grad(loss))
+
+    def run(stop):
+        jax.block_until_ready(program(stop))
+        jax.effects_barrier()
+
+    with pytest.warns(UserWarning, match=r"(not_converged|left_the_stops): .* halve its step") as caught:
+        run(-0.06)
+    assert caught[0].filename == __file__
+    with pytest.warns(UserWarning, match="The start lies beyond a stop"):
+        run(-1.5)
+
+
+def test_periods_before_starts_still_work_with_a_warning():
+    system = one_mass(0.5, 0.3, damping=0.1, restitution=0.8)
+    how = {"max_events": ROOM, "progress": False}
+    (found,) = vx.find_periodic_orbits(system, [[0.3, 0.1]], **how)
+    with pytest.warns(DeprecationWarning, match="write find_periodic_orbits"):
+        (before,) = vx.find_periodic_orbits(system, 1, [[0.3, 0.1]], **how)  # pyright: ignore[reportArgumentType]
+    np.testing.assert_array_equal(before.x0, found.x0)
 
 
 def test_what_is_not_found_is_told():

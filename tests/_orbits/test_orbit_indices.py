@@ -36,7 +36,7 @@ def test_indices_of_all_periodic_points_add_up_to_one():
     for _ in range(6):
         system, starts = machine(rng)
         for n in (1, 2, 3):
-            orbits = vx.find_periodic_orbits(system, n, starts, progress=False)
+            orbits = vx.find_periodic_orbits(system, starts, n, progress=False)
             assert sum(index(orbit, n) for orbit in orbits) == 1, (system, n)
             most = max(most, len(orbits))
     assert most > 1

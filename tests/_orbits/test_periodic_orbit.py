@@ -138,7 +138,7 @@ def test_bad_arguments_are_told():
     with pytest.raises(ValueError, match="`num_periods` must be a whole number"):
         vx.periodic_orbit(system, [0.0, 0.0], [0.0, 0.0], 0)
     with pytest.raises(ValueError, match="`starts` must be"):
-        vx.find_periodic_orbits(system, 1, np.zeros((3, 3)), progress=False)
+        vx.find_periodic_orbits(system, np.zeros((3, 3)), 1, progress=False)
 
 
 def test_more_events_than_there_is_room_for_are_told(sticking):

@@ -140,7 +140,7 @@ def test_orbits_with_and_without_contact_are_found_side_by_side():
     load = vx.Harmonic(amplitude=[0.7 * 0.85**2], frequency=0.81, phase=[-np.pi / 2])
     system = vx.ImpactSystem([1.0], [[0.02]], [[1.0]], load, [vx.CompliantStop(0, 1.26, "upper", 5.0)])
     starts = np.random.default_rng(0).uniform(-1.2, 1.2, (24, 2))
-    orbits = vx.find_periodic_orbits(system, 1, starts, progress=False)
+    orbits = vx.find_periodic_orbits(system, starts, 1, progress=False)
     for orbit in orbits:
         end = np.concatenate(vx.stroboscopic_map(system, orbit.x0, orbit.v0))
         np.testing.assert_allclose(end, np.concatenate([orbit.x0, orbit.v0]), atol=1e-9)

@@ -183,7 +183,7 @@ def test_tools_that_count_periods_refuse_loads_without_one(load, sentence: str):
         lambda: vx.sweep(system, {"stops[0].position": [0.4]}, progress=False),
         lambda: vx.stroboscopic_map(system, [0.0], [0.0]),
         lambda: vx.periodic_orbit(system, [0.0], [0.0]),
-        lambda: vx.find_periodic_orbits(system, 1, np.zeros((4, 2))),
+        lambda: vx.find_periodic_orbits(system, np.zeros((4, 2)), 1),
         lambda: vx.lyapunov_exponents(system),
         lambda: vx.attractors(system, 16),
     ):

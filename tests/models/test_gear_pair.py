@@ -82,7 +82,7 @@ def test_gears_rattle_as_a_ball_between_walls_that_feels_their_relative_force(ra
 def test_gears_turned_by_an_angle_have_the_same_orbit_once(rattling):
     angles = np.array([0.0, 0.7, -3.0])[:, None]
     starts = np.asarray(rattling.x0) + angles, np.asarray(rattling.v0) + 0 * angles
-    orbits = vx.find_periodic_orbits(rattling.system, 2, starts, progress=False)
+    orbits = vx.find_periodic_orbits(rattling.system, starts, 2, progress=False)
     assert len(orbits) == 1
     np.testing.assert_allclose(orbits[0].multipliers, rattling.multipliers, rtol=0, atol=TURNED)
 

@@ -144,7 +144,7 @@ def ask_orbit(asked):
 
 def ask_search(asked):
     starts = np.zeros((2, asked.num_masses)), 0.1 * np.eye(2)[:, : asked.num_masses]
-    found = vx.find_periodic_orbits(asked.machine, 1, starts, **QUIET)
+    found = vx.find_periodic_orbits(asked.machine, starts, 1, **QUIET)
     assert any(np.allclose(one.x0[0], asked.orbit.x0[0], atol=FOUND) for one in found)
 
 

@@ -112,6 +112,109 @@ def test_an_argument_of_one_name_has_one_type_default_and_manner_of_call():
     assert [name for name in DIFFERENT if len(manners[name]) == 1] == []
 
 
+def manners_of(callables) -> dict[str, dict[tuple, list[str]]]:
+    """Over callables by their names, which of them take an argument how: by name or place, and of which type."""
+    found: dict[str, dict[tuple, list[str]]] = {}
+    for name, one in callables:
+        for parameter in inspect.signature(one).parameters.values():
+            if parameter.name != "self":
+                manner = (parameter.kind is inspect.Parameter.KEYWORD_ONLY, str(parameter.annotation))
+                found.setdefault(parameter.name, {}).setdefault(manner, []).append(name)
+    return found
+
+
+def check_alike(callables, different) -> None:
+    """Test that arguments of one name are alike, but for those with a reason, all of which differ."""
+    differing = {name: found for name, found in manners_of(callables).items() if len(found) > 1}
+    assert {name: found for name, found in differing.items() if name not in different} == {}
+    assert set(different) <= set(differing)
+
+
+# Classes that users make, and those that functions return or raise; flows are written to, see "extending".
+MADE = {
+    "CompliantContact",
+    "CompliantStop",
+    "Contact",
+    "ExecutionSettings",
+    "FallingRestitution",
+    "Family",
+    "Friction",
+    "Harmonic",
+    "ImpactSystem",
+    "Jenkins",
+    "Parametric",
+    "Stop",
+    "Tabulated",
+    "Waveform",
+}
+RETURNED = {
+    "Bifurcation",
+    "Branch",
+    "EventLog",
+    "GrazingForm",
+    "Interrupted",
+    "NormalForm",
+    "ORBIT_RESULTS",
+    "Peak",
+    "PeriodicOrbit",
+    "Precompilation",
+    "RESULTS",
+    "SimulationError",
+    "Solution",
+    "StickingRegion",
+    "Symmetry",
+}
+FLOWS = {"AbstractRestitution", "DiffraxFlow", "ModalFlow", "TaylorFlow"}
+DIFFERENT_PARTS = {
+    "damping": "of one contact, or the matrices of a machine",
+    "force": "of friction, or a function of the motion",
+    "frequency": "of a load, or that of the load if left out",
+    "mass": "the index of one, or all masses",
+    "position": "of a stop, or one of each machine in a batch",
+    "restitution": "a number or a law, or the number within a law",
+    "row": "of a contact between masses, or also the index of one mass that rubs on the ground",
+    "stiffness": "as `damping`",
+}
+DIFFERENT_MODELS = {
+    "amplitude": "of the load, which beads need not have and a drill bit has by name",
+    "frequency": "of the load, which a bouncing ball and a drill bit need not have",
+    "mass": "of one body, or of each bead",
+    "phases": "of two loads, or of the points of a wave form",
+    "position": "of the stop, or of a lid over the beads, which need not be there",
+    "restitution": "by name, but of a ball that has nothing else",
+}
+DIFFERENT_METHODS = {
+    "v": "as `x`",
+    "x": "of a user, or of a solver, where it is an array already",
+}
+
+
+def test_every_public_class_is_made_returned_or_written_to():
+    classes = {name for name, one in public(inspect.isclass).items() if hasattr(vx, name)}
+    assert classes == MADE | RETURNED | FLOWS
+
+
+def test_an_argument_of_one_name_is_alike_in_all_parts_of_a_machine():
+    check_alike([(name, getattr(vx, name)) for name in sorted(MADE)], DIFFERENT_PARTS)
+
+
+def test_an_argument_of_one_name_is_alike_in_all_models():
+    models = [(name, getattr(vx.models, name)) for name in dir(vx.models)]
+    check_alike([(name, one) for name, one in models if inspect.isfunction(one)], DIFFERENT_MODELS)
+
+
+def test_an_argument_of_one_name_is_alike_in_all_methods():
+    """Of the parts and of what is returned."""
+    methods = [
+        (f"{name}.{method}", one)
+        for name in sorted(MADE | RETURNED)
+        for method, one in vars(getattr(vx, name)).items()
+        if not method.startswith("_") and inspect.isfunction(one)
+    ]
+    assert len(methods) > 20
+    check_alike(methods, DIFFERENT_METHODS)
+
+
 @pytest.mark.parametrize("name", ["legend", "progress", "record", "rng", "settings", "transient", "units"])
 def test_options_are_given_by_name(name):
     for part in (vx, vx.plot):

@@ -123,7 +123,7 @@ def test_there_is_a_case_for_most_arguments():
         (lambda: vx.combine(3), "`datasets` must be a list, each entry a `xarray.Dataset`, but is 3."),
         (lambda: vx.plot.machine(ONE, ax=3), "`ax` must be a `matplotlib.axes.Axes` or None, but is 3."),
         (lambda: vx.models.woodpecker(inertia="much"), "`inertia` must be made of real numbers, but is 'much'."),
-        (lambda: vx.find_periodic_orbits(3, 1, ([[0.0]], [[0.0]])), "`system` must be one machine"),
+        (lambda: vx.find_periodic_orbits(3, ([[0.0]], [[0.0]]), 1), "`system` must be one machine"),
         (lambda: vx.with_states(3, [[0.0]], [[0.0]]), "`system` must be one machine"),
         (lambda: vx.monodromy_matrix(ONE, [0.0], 0.0), r"`v0` must have shape \(1,\), but has shape \(\)."),
         (lambda: vx.modal_restitution_matrix([1.0], {0: 0.5}), r"`modes` must have shape \(n, n\)"),

@@ -13,7 +13,7 @@ from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precisio
 from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles
-from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
+from .._sweep.outcomes import warn_of_endings, warn_of_starts_beyond, warn_of_unsettled
 from .._sweep.random_numbers import Rng, generator_of
 from .._sweep.recurrence import TOLERANCES
 from .._sweep.short_names import with_names
@@ -206,6 +206,7 @@ def _found(machines: Machines, starts: Starts, *, fold: bool, progress: bool) ->
         numbers = np.array([motion.num_images for motion in motions], int)
         table["num_images"] = (ATTRACTOR, numbers, variable_attributes("num_images"))
     warn_of_unsettled(int(table["num_not_settled"]), len(labels), machines.transient)
+    warn_of_starts_beyond(int(np.count_nonzero(~is_in)), len(is_in))
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
     columns = {}
     for name, a, unknown in (("label", labels, -1), ("is_failed", is_failed, False)):

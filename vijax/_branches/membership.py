@@ -177,7 +177,7 @@ def _states(start: Start) -> np.ndarray:
 def _images(start: Start) -> list[Start]:
     """The mirror images of an orbit that a load drives, those apart that are the orbit itself."""
     machine = machine_of(start.system)
-    symmetries = () if start.is_autonomous else machine.symmetries(start.args)
+    symmetries = () if start.is_autonomous else machine.symmetries(args=start.args)
     own, found = _states(start) if symmetries else np.zeros(0), []
     for symmetry in symmetries:
         period, (x, v) = 2 * np.pi / float(machine.forcing.frequency), np.split(start.state, 2)

@@ -24,7 +24,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles, tqdm
-from .._sections.classify import MOTIONS, classified, warn_of_unsettled
+from .._sections.classify import MOTIONS, classified, warn_of_unsettled_motions
 from .._sweep.grid import base_of, values_of
 from .._sweep.outcomes import warn_of_endings
 from .._sweep.random_numbers import Rng, generator_of
@@ -152,7 +152,7 @@ def chart(
     ds = refined(axes, stride, run, _KIND if plan.starts is None else (*_KIND, "num_attractors"))
     whole = xr.concat(outcomes, START).assign_attrs(max_impacts=room)
     warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
-    warn_of_unsettled(whole, tolerance)
+    warn_of_unsettled_motions(whole, tolerance, one.record)
     return with_labels(with_names(ds, names), base.system)
 
 
@@ -208,7 +208,9 @@ def _found(plan: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Datas
     counts, where = plan.counts, (machines.settings, machines.executor)
     ds = sweep_zipped(machines.system, of_machine, start, counts, machines.flow, *where, lambda _: None)
     motions = classified(ds, plan.tolerance)
-    outcome = motions[["motion", "recurrence_error", "contraction"]].assign(result=ds["result"])
+    outcome = motions[["motion", "num_periods", "recurrence_error", "contraction"]].assign(
+        result=ds["result"]
+    )
     found = motions[list(_KIND)]
     if counts.lyapunov:
         found = found.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})

@@ -9,6 +9,7 @@ then have it as a factor as well.
 equinox. Here the last line is the message.
 """
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,7 @@ from jaxtyping import Array, ArrayLike, Int, PyTree
 
 from .arrays import Scalar
 from .concrete import concrete
+from .users_line import users_place
 
 
 class SimulationError(RuntimeError):
@@ -54,6 +56,22 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
         )
 
     return jax.tree.map(lambda a: locked(a) if eqx.is_array(a) else a, tree)
+
+
+def warn_when_run(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> None:
+    """Warn with a sentence where the arguments of `checked` would raise it: at once, or when the compiled program runs."""
+    number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))
+    where = users_place()  # remembered: when the program runs, nothing of the user's is on the stack
+
+    def warn(number: Any) -> None:
+        if int(number):
+            warnings.warn_explicit(sentences[int(number)], UserWarning, *where)
+
+    known = concrete(number)
+    if known is None:
+        jax.lax.cond(number > 0, lambda: jax.debug.callback(warn, number), lambda: None)
+    else:
+        warn(known)
 
 
 def number_of_doubts(

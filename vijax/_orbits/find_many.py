@@ -1,5 +1,8 @@
 """All periodic orbits of one machine near some guesses."""
 
+import warnings
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +10,7 @@ import numpy as np
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.concrete import is_traced
+from .._jax.users_line import users_line
 from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles, tqdm
 from .._system.checks import validate_start
@@ -28,8 +32,8 @@ _SAME = 1e-6
 @padding_allowed
 def find_periodic_orbits(
     system: AnySystem,
-    num_periods: Count,
     starts: tuple[Numbers, Numbers] | Numbers,
+    num_periods: Count = 1,
     *,
     args: object = None,
     flow: AbstractFlow | None = None,
@@ -40,8 +44,9 @@ def find_periodic_orbits(
 
     Args:
         system: the machine; its numbers must be concrete, not traced.
-        num_periods: n, the forcing periods after which they repeat. Orbits that repeat sooner are found as well.
         starts: guesses at phase 0: positions and velocities, (starts, n) each, or both side by side, (starts, 2 n).
+        num_periods: n, the forcing periods after which they repeat. Orbits that repeat sooner are found as well. Before
+            version 1.0 it stood in front of `starts`; this order still works, with a `DeprecationWarning`.
         args: as for `simulate`.
         flow: likewise.
         max_events: maximum number of events of a cycle.
@@ -62,10 +67,12 @@ def find_periodic_orbits(
         jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         starts = np.random.default_rng(0).uniform(-0.3, 0.3, (100, 4))
-        orbits = vx.find_periodic_orbits(system, 1, starts)
+        orbits = vx.find_periodic_orbits(system, starts, 1)
         ```
     """
     refuse_single_precision("find_periodic_orbits", system)
+    if isinstance(starts, int | np.integer):
+        starts, num_periods = _in_order(starts, num_periods)
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
     machine_of(system)  # or a sentence
     states = given_states(starts, system)
@@ -103,6 +110,16 @@ def find_periodic_orbits(
             )
         )
     return orbits
+
+
+def _in_order(num_periods: Count, starts: Any) -> tuple[Any, Count]:
+    """Arguments in the order of before version 1.0, put in that of now."""
+    warnings.warn(
+        "`find_periodic_orbits` takes `starts` before `num_periods`, as all functions do: write find_periodic_orbits(system, starts, num_periods).",
+        DeprecationWarning,
+        stacklevel=users_line(),
+    )
+    return starts, num_periods
 
 
 def given_states(

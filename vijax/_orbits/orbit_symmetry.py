@@ -52,7 +52,7 @@ def _symmetries_of_machine(orbit: PeriodicOrbit) -> tuple[Symmetry, ...]:
         raise ValueError("Symmetries are those of one orbit, outside of `jax.jit` and `jax.vmap`.")
     if not orbit.is_admissible:
         raise ValueError("The machine does not follow this orbit, which has no motion to mirror.")
-    return machine_of(orbit.system).symmetries(orbit.args)
+    return machine_of(orbit.system).symmetries(args=orbit.args)
 
 
 def _has(orbit: PeriodicOrbit, symmetry: Symmetry) -> bool:

@@ -1,5 +1,8 @@
 """Search for a periodic orbit near a guess."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
@@ -7,8 +10,8 @@ from jaxtyping import ArrayLike
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, array_namespace, as_float, refuse_single_precision, whole_number
-from .._jax.concrete import check_values, is_traced
-from .._jax.errors import checked, number_of_doubts
+from .._jax.concrete import check_values, has_tracer, is_traced
+from .._jax.errors import checked, number_of_doubts, warn_when_run
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._progress import says_what_compiles
@@ -22,6 +25,11 @@ from .find import find
 from .maps import angle_of
 from .orbit import PeriodicOrbit
 from .search import StroboscopicMap
+
+_NO_ORBIT = (
+    "`vx.periodic_orbit` goes on, as `throw=False`, but what is computed from this orbit, such as a loss, is NaN or that of no motion. "
+    "Where an optimiser has left the orbit, halve its step until `orbit.result` is successful again."
+)
 
 
 @says_what_compiles
@@ -62,7 +70,8 @@ def periodic_orbit(
         args: as for `simulate`.
         flow: likewise.
         max_events: maximum number of events of a cycle.
-        throw: raise if no orbit is found; otherwise return the result code and the nearest candidate.
+        throw: raise if no orbit is found; otherwise return the result code and the nearest candidate, with a warning under
+            `jax.jit`, `jax.vmap` and derivatives.
 
     Returns:
         The orbit, see `vx.PeriodicOrbit`.
@@ -98,7 +107,7 @@ def periodic_orbit(
         orbit = PeriodicOrbit(
             **vars(found), system=system, num_periods=0, period=period, phase=0 * period, args=args, flow=flow
         )
-        return checked(orbit, *number_of_doubts([], *result_sentences(orbit.result))) if throw else orbit
+        return _told(orbit, [], throw=throw)
     check_period(system, args, x0, v0)
     angle, frequency, period = angle_of(phase), bound.forcing.frequency, bound.forcing.period
     is_unknown = is_traced((bound, flow, x, v, angle))
@@ -121,4 +130,14 @@ def periodic_orbit(
     orbit = PeriodicOrbit(
         **vars(found), system=system, num_periods=n, period=period, phase=angle, args=args, flow=flow
     )
-    return checked(orbit, *number_of_doubts(doubts, *result_sentences(orbit.result))) if throw else orbit
+    return _told(orbit, doubts, throw=throw)
+
+
+def _told(orbit: PeriodicOrbit, doubts: Sequence[tuple[Any, str]], *, throw: bool) -> PeriodicOrbit:
+    """The orbit, with an error or a warning if it is none."""
+    number, sentences = number_of_doubts(doubts, *result_sentences(orbit.result))
+    if throw:
+        return checked(orbit, number, sentences)
+    if has_tracer(orbit):  # nobody looks at its result
+        warn_when_run(number, [f"{sentence} {_NO_ORBIT}" for sentence in sentences])
+    return orbit

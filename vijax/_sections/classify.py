@@ -1,7 +1,6 @@
 """Kind of motion: number of impacts in a number of forcing periods, or no repetition."""
 
 import math
-import warnings
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,9 +8,9 @@ import xarray as xr
 
 from .._dataset_attributes import flags
 from .._dataset_checks import check_columns, check_is_dataset
-from .._jax.users_line import users_line
 from .._sweep.outcomes import warn_of_endings
-from .._sweep.recurrence import TOLERANCES, Recurrence, periods_left, recurrence
+from .._sweep.recurrence import TOLERANCES, Recurrence, recurrence
+from .._sweep.unsettled import warn_of_unsettled
 from .._trajectory.solution import Solution
 from .non_impacting_proof import prove_non_impacting
 from .record import (
@@ -100,7 +99,7 @@ def classify(
         check_is_dataset(source, "source", "`vx.sweep`")
         warn_of_endings(source, "max_impacts_reached")
     found = classified(source, tolerance, double_impact_within, last)
-    warn_of_unsettled(found, tolerance)
+    warn_of_unsettled_motions(found, tolerance, _section(source, last)[1])
     return found
 
 
@@ -108,21 +107,18 @@ def _tolerance(like: Any, tolerance: float | None) -> float:
     return TOLERANCES[like.dtype.itemsize] if tolerance is None else tolerance
 
 
-def warn_of_unsettled(found: xr.Dataset, tolerance: float | None) -> None:
+def warn_of_unsettled_motions(found: xr.Dataset, tolerance: float | None, record: int) -> None:
     """Warn of the motions that have not settled, with the time that they still take as far as it is known.
 
     Args:
-        found: `motion`, `recurrence_error` and `contraction` as `classify` returns them.
+        found: `motion`, `num_periods`, `recurrence_error` and `contraction` as `classify` returns them.
         tolerance: that of `classify`.
+        record: number of periods that were compared.
     """
     is_so = found["motion"].values == MOTIONS.index("not_settled")
-    if not is_so.any():
-        return
-    error, factor = (found[name].values[is_so] for name in ("recurrence_error", "contraction"))
-    periods, time = periods_left(error, factor, _tolerance(error, tolerance)), "Run on for longer."
-    if periods is not None:
-        time = f"Run on for about {periods} forcing periods more, by `transient` or `t1`."
-    warnings.warn(f"{is_so.sum()} of {is_so.size} motions have not settled. {time}", stacklevel=users_line())
+    n, error, factor = (found[name].values for name in ("num_periods", "recurrence_error", "contraction"))
+    trend = Recurrence(n, error, factor, is_so)
+    warn_of_unsettled(trend, _tolerance(error, tolerance), record, "`transient` or `t1`")
 
 
 def classified(

@@ -20,7 +20,7 @@ from .outcomes import warn_of_endings
 from .quantities import checked_quantities
 from .random_numbers import Rng, generator_of
 from .short_names import with_labels, with_names
-from .unsettled import say_unsettled
+from .unsettled import warn_of_unsettled_points
 from .zipped import sweep_zipped
 
 SAMPLE = "sample"
@@ -81,7 +81,7 @@ def ensemble(
         max_impacts: likewise.
         max_steps: likewise.
         executor: likewise.
-        progress: show a progress bar, and at the end how many motions have not settled and for how long.
+        progress: show a progress bar.
         settings: as for `vx.sweep`.
 
     Returns:
@@ -127,8 +127,7 @@ def ensemble(
     of_samples = {path: (SAMPLE, a, variable_attributes(path)) for path, a in values.items()}
     ds = with_labels(with_names(ds.assign_coords(of_samples), known.names), base.system)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
-    if progress:
-        say_unsettled(ds, "ensemble")
+    warn_of_unsettled_points(ds)
     return ds
 
 

@@ -38,6 +38,15 @@ def warn_of_unsettled(count: int, of: int, transient: int) -> None:
         )
 
 
+def warn_of_starts_beyond(count: int, of: int) -> None:
+    """Warn that `count` of the `of` starts of a grid are no starts."""
+    if count:
+        warnings.warn(
+            f"{count} of {of} starts of the grid lie beyond a stop: they were not run, and their label is -1.",
+            stacklevel=users_line(),
+        )
+
+
 def code_of(name: str) -> int:
     """Code of a result in a dataset."""
     return _NAMES.index(name)

@@ -29,6 +29,8 @@ _MARGIN = 10
 # A motion that keeps returning this close, relative to its size, and no farther than before, is settling.
 _NEAR = 1e-2
 _TINY = np.finfo(np.float32).tiny
+# Over a record in which the error falls by less than a half, a slow beat looks the same: no rate is told from it.
+_SEEN = 0.5
 # Points at once: few enough that the arrays computed from them stay in the cache.
 _BLOCK = 1 << 11
 
@@ -100,9 +102,10 @@ def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return last, factor, is_near | (np.diff(steps[third:], axis=0) < 0).all(axis=0)
 
 
-def periods_left(error: np.ndarray, contraction: np.ndarray, tolerance: float) -> int | None:
-    """Forcing periods until all of some motions have settled, from their last errors and rates; None if unknown."""
-    falls = (contraction > 0) & (contraction < 1) & (error > tolerance)
-    if not falls.any():
-        return None
-    return int(np.ceil(np.max(np.log(error[falls] / tolerance) / -np.log(contraction[falls]))))
+def periods_left(found: Recurrence, tolerance: float, record: int) -> np.ndarray:
+    """Forcing periods until each motion has settled, from its last error and rate in `record` periods; NaN if unknown."""
+    factor = found.contraction
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = found.error * np.maximum(1, factor / (1 - factor))
+        is_seen = (factor > 0) & (factor**record < _SEEN) & (distance > tolerance)
+        return np.where(is_seen, np.ceil(np.log(distance / tolerance) / -np.log(factor)), np.nan)

@@ -26,7 +26,7 @@ from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
 from .quantities import checked_quantities, observed_for
 from .short_names import with_labels, with_names, without_names
-from .unsettled import say_unsettled
+from .unsettled import warn_of_unsettled_points
 from .zarr_output import write_sweep
 
 
@@ -116,7 +116,7 @@ def sweep(
             `mpi4py.futures.MPIPoolExecutor`), or a client of Dask. Each of its workers uses one core. The results are
             the same, bit for bit, on processors of one kind. Chunks of a lost worker are run again, for as long as
             the executor takes them. If left out, the cores of this process.
-        progress: show a progress bar, and at the end how many motions have not settled and for how long.
+        progress: show a progress bar.
         settings: sizes of queues, lanes and chunks, which affect speed; results change by rounding only.
 
     Returns:
@@ -204,8 +204,7 @@ def sweep(
     ds = with_names(dataset(points, axes, shape, counts, found, attributes, added), names)
     ds = with_labels(ds, base.system)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite", "friction_paradox")
-    if progress:
-        say_unsettled(ds, "sweep")
+    warn_of_unsettled_points(ds)
     return ds
 
 

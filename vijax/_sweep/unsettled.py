@@ -1,22 +1,47 @@
-"""Word of the points of a sweep whose motions have not settled, in a line above the progress bar.
+"""Warning of motions that have not settled, with the time that they still take as far as their records show it.
 
-The section alone decides, without the impacts and the machine of each point, which `vx.classify` looks at too.
+Of a sweep the section alone decides, without the impacts and the machine of each point, which `vx.classify` looks at too.
 """
 
-import sys
+import warnings
 
 import numpy as np
 import xarray as xr
 
-from .._progress import tqdm
-from .recurrence import TOLERANCES, periods_left, recurrence
+from .._jax.users_line import users_line
+from .recurrence import TOLERANCES, Recurrence, periods_left, recurrence
 
 # Fewest recorded periods of which a trend can be told; points at once.
 _FEWEST, _BLOCK = 8, 1 << 14
 
 
-def say_unsettled(ds: xr.Dataset, who: str) -> None:
-    """Print on stderr how many motions still approach a cycle, and for how long; nothing if none does. `who` runs them."""
+def warn_of_unsettled(found: Recurrence, tolerance: float, record: int, by: str) -> None:
+    """Warn how many motions still approach a cycle, and for how long; of nothing if none does.
+
+    Args:
+        found: their recurrence in `record` forcing periods.
+        tolerance: distance from the cycle below which a motion is on it.
+        record: the forcing periods that were compared.
+        by: words for the arguments that make motions longer.
+    """
+    is_so = found.is_settling
+    if not is_so.any():
+        return
+    periods = periods_left(found, tolerance, record)[is_so]
+    is_unknown = np.isnan(periods)
+    sentences = [f"{is_so.sum()} of {is_so.size} motions have not settled."]
+    if not is_unknown.all():
+        sentences.append(f"Run on for about {np.nanmax(periods):.0f} forcing periods more, by {by}.")
+    if is_unknown.any():
+        which = "The" if is_unknown.all() else f"For {is_unknown.sum()} of them the"
+        sentences.append(
+            f"{which} record of {record} forcing periods shows no rate of approach: record more."
+        )
+    warnings.warn(" ".join(sentences), stacklevel=users_line())
+
+
+def warn_of_unsettled_points(ds: xr.Dataset) -> None:
+    """Warn of the points of a sweep whose motions have not settled."""
     if "section_x" not in ds or ds.sizes["period"] < _FEWEST:
         return
     tolerance = TOLERANCES[ds["section_x"].dtype.itemsize]
@@ -24,15 +49,8 @@ def say_unsettled(ds: xr.Dataset, who: str) -> None:
     w = 2 * np.pi / ds["forcing_period"].transpose(*_points(ds["section_x"])).values.ravel()
     blocks = [slice(k, k + _BLOCK) for k in range(0, len(x), _BLOCK)]
     found = [recurrence(_relative(w[block], x[block], v[block]), tolerance) for block in blocks]
-    is_settling, error, contraction = (
-        np.concatenate([getattr(one, name) for one in found])
-        for name in ("is_settling", "error", "contraction")
-    )
-    if is_settling.any():
-        periods = periods_left(error[is_settling], contraction[is_settling], tolerance)
-        by = "" if periods is None else f" by about {periods} forcing periods"
-        count = f"{is_settling.sum()} of {is_settling.size} motions"
-        tqdm.write(f"{who}: {count} have not settled; increase `transient`{by}", file=sys.stderr)
+    whole = Recurrence(*map(np.concatenate, zip(*found, strict=True)))
+    warn_of_unsettled(whole, tolerance, ds.sizes["period"], "`transient`")
 
 
 def _points(a: xr.DataArray) -> list[str]:

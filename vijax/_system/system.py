@@ -276,7 +276,7 @@ class ImpactSystem(eqx.Module):
         """Number of stops."""
         return len(self.stops)
 
-    def symmetries(self, args: object = None) -> tuple[Symmetry, ...]:
+    def symmetries(self, *, args: object = None) -> tuple[Symmetry, ...]:
         """Find the symmetries of the machine: maps of its motions to others, by exchange and mirror images of its masses.
 
         A mass between two equal stops, for instance, under a harmonic load: with x(t) also -x(t + T / 2) is a motion. Numbers
