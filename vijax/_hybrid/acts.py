@@ -4,6 +4,9 @@ Up to a number of elements all sets are tried, one after the other, and the best
 pivots: all elements in conflict change their act at once, later one at a time (as principal pivots of linear
 complementarity: K. G. Murty, Linear Algebra Appl. 7 (1974)).
 
+Such a set may let go more than it must, as what is in conflict lets go all at once. So whatever gives way in it is held once more, one
+element after the other, with pivots of all others.
+
 Of equally good sets that is taken to which pivots from the first set lead: what is beyond its bound lets go. So the order of the
 elements has no part in it.
 """
@@ -20,7 +23,7 @@ from .._jax.xla import is_any
 # Of more elements than all sets are tried of: number of starts, of pivots from each, and of those that change several acts at
 # once.
 _STARTS, _PIVOTS, _JOINT_PIVOTS = 27, 64, 16
-# Number of pivots before all sets are tried.
+# Number of pivots before all sets are tried, and with an element that is held once more.
 _FIRST_PIVOTS = 6
 # Score of a conflict, of friction at rest, of any other element at rest.
 CONFLICT, STICKS, HOLDS = -10_000, 100, 1
@@ -34,6 +37,14 @@ class Judged(NamedTuple):
     found: Any
 
 
+class _Trials(NamedTuple):
+    """Elements of the best set that are held once more: flags of those that were, of the one that is, and the number of its pivots."""
+
+    done: Bool[Array, "contacts ..."]
+    one: Bool[Array, "contacts ..."]
+    pivots: Int[Array, "..."]
+
+
 class _Search(NamedTuple):
     """Search among sets of acts: the number of turns, the last set begun with, the next one, and the best so far."""
 
@@ -41,7 +52,8 @@ class _Search(NamedTuple):
     start: Int[Array, "contacts ..."]
     acts: Int[Array, "contacts ..."]
     is_last: Bool[Array, "..."]
-    best: Judged
+    best: tuple[Judged, Int[Array, "contacts ..."]]
+    trials: _Trials
 
 
 def search_acts(
@@ -69,12 +81,13 @@ def search_acts(
     is_listed = count <= enumerated
 
     def goes_on(carry: _Search) -> Array:
-        is_over = (carry.best.score >= jnp.where(is_listed, most, 0)) | carry.is_last
+        is_over = (carry.best[0].score >= most) | carry.is_last
         return is_any(~is_over & (is_listed | (carry.turn < _STARTS * _PIVOTS)))
 
     def turned(carry: _Search) -> _Search:
         found = judge(carry.acts)
-        best = jax.tree.map(lambda a, b: jnp.where(found.score > carry.best.score, a, b), found, carry.best)
+        better = found.score > carry.best[0].score
+        best = jax.tree.map(lambda a, b: jnp.where(better, a, b), (found, carry.acts), carry.best)
         turn = carry.turn + 1
         following, is_last = _next_set(elements, carry.start, has_two)
         changes = found.proposed != carry.acts
@@ -84,12 +97,30 @@ def search_acts(
         first_change = changes & (jnp.cumsum(changes, axis=0) == 1)
         is_single = turn % _PIVOTS > _JOINT_PIVOTS
         pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, carry.acts)
-        is_last = carry.is_last | (is_listed & starts_anew & is_last)
-        return _Search(turn, start, jnp.where(starts_anew, start, pivoted), is_last, best)
+        is_last = is_listed & starts_anew & is_last
+        acts, is_found = jnp.where(starts_anew, start, pivoted), ~is_listed & (best[0].score >= 0)
+        trials, held_again = _held_again(elements, carry.trials, found, best[1])
+        trials = jax.tree.map(lambda a, b: jnp.where(is_found, a, b), trials, carry.trials)
+        acts = jnp.where(is_found, held_again, acts)
+        is_last = carry.is_last | jnp.where(is_found, ~jnp.any(trials.one, axis=0), is_last)
+        return _Search(turn, start, acts, is_last, best, trials)
 
     lowest = jnp.full_like(count, 2 * len(elements) * CONFLICT)
-    search = _Search(jnp.array(0), first, first, jnp.zeros_like(count, bool), Judged(lowest, first, nothing))
-    return jax.lax.while_loop(goes_on, turned, search).best
+    none, nowhere = jnp.zeros_like(elements), jnp.zeros_like(count, bool)
+    begun = Judged(lowest, first, nothing), first
+    search = _Search(jnp.array(0), first, first, nowhere, begun, _Trials(none, none, jnp.zeros_like(count)))
+    return jax.lax.while_loop(goes_on, turned, search).best[0]
+
+
+def _held_again(
+    elements: Array, trials: _Trials, found: Judged, best: Array
+) -> tuple[_Trials, Int[Array, "contacts ..."]]:
+    """The next trial, and its set: more pivots with the same element, or the best set with the next one that gives way in it."""
+    goes_on = (found.score < 0) & (trials.pivots < _FIRST_PIVOTS) & jnp.any(trials.one, axis=0)
+    waits = elements & (best != 0) & ~trials.done
+    one = jnp.where(goes_on, trials.one, waits & (jnp.cumsum(waits, axis=0) == 1))
+    acts = jnp.where(one, jnp.int8(0), jnp.where(goes_on, found.proposed, best))
+    return _Trials(trials.done | one, one, jnp.where(goes_on, trials.pivots + 1, 0)), acts
 
 
 def _next_set(
