@@ -262,3 +262,30 @@ def test_a_release_where_a_load_passes_zero_is_one_in_any_units():
     assert set(num_events.tolist()) == {46}
     assert num_steps.max() < 200
     np.testing.assert_allclose(x, np.broadcast_to(x[0], x.shape), rtol=0, atol=1e-12)
+
+
+@pytest.mark.thorough
+def test_friction_whose_load_begins_at_either_bound_moves_alike_in_any_units():
+    """At the ends of periods the load is at the lower bound of friction, or, mirrored, at the upper one."""
+
+    @jax.jit
+    def end(units, side):
+        mass, length, time = units
+        force = mass * length / time**2
+        load = vx.Harmonic(
+            side * jnp.array([0.4]) * force, 1.3 / time, [np.pi / 2], mean=side * jnp.array([0.3]) * force
+        )
+        rubs = [vx.Friction(0, 0.3 * force, static=0.36 * force)]
+        spring = 0.5 * mass / time**2 * jnp.ones((1, 1))
+        system = vx.ImpactSystem(mass * jnp.ones(1), np.zeros((1, 1)), spring, load, [], friction=rubs)
+        sol = vx.simulate(system, 0.0, 24 * np.pi / 1.3 * time, max_steps=1000, throw=False)
+        return side * sol.x1 / length, sol.num_events, sol.num_steps
+
+    units = [np.ones(3), *(10 ** np.random.default_rng(5).uniform(-3, 3, (20, 3)))]
+    x, num_events, num_steps = (
+        np.stack(a) for a in zip(*(end(u, s) for u in units for s in (1.0, -1.0)), strict=True)
+    )
+    assert set(num_events.tolist()) == {int(num_events[0])}
+    assert num_events[0] > 24
+    assert num_steps.max() < 200
+    np.testing.assert_allclose(x, np.broadcast_to(x[0], x.shape), rtol=0, atol=1e-12)

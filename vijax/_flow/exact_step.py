@@ -308,7 +308,7 @@ def state_after_step(
         beside = machine.contacts.gap_after(state.gap, state.held, displacement, change)
         constant = jax.lax.stop_gradient(state.gap) + (beside - jax.lax.stop_gradient(beside))
         gap = jnp.where(state.contact == FROZEN, constant, gap)
-        begins = jnp.where(step > 0, jnp.int8(0), state.mode.begins)
+        begins = jnp.where(is_later, jnp.int8(0), state.mode.begins)
         state = eqx.tree_at(lambda s: s.mode.begins, state, begins)
     return eqx.tree_at(
         lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap, s.contact),
