@@ -159,7 +159,8 @@ def sequence_of(
     is_row = (jnp.arange(size) < happened.count)[:, None]
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)
     kinds = kinds_of(numbers)
-    is_event = is_event & ~_follows_an_event(numbers, is_event, event_kinds)
+    if has_several_of_a_kind(kinds):
+        is_event = is_event & ~_follows_an_event(numbers, is_event, event_kinds)
     is_event, room = is_event.ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
 
@@ -216,8 +217,6 @@ def _follows_an_event(
     numbers: MachineNumbers, is_event: Bool[Array, "rows elements"], kinds: Int[Array, "rows elements"]
 ) -> Bool[Array, "rows elements"]:
     """Flags of events that are one with that of an element before, see `side_by_side`."""
-    if not has_several_of_a_kind(kinds_of(numbers)):
-        return jnp.zeros_like(is_event)
     public = kinds % SECOND
     rests, slips = (own != 0 for own in side_by_side(numbers))
     is_of_one = jnp.where((public == SLIP)[:, :, None], slips, rests) & (
