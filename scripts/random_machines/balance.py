@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
+from .laws import marks_of
 from .loads import smooth_forces
 from .machines import coefficients, matrices, own_numbers
 from .runs import ROOM, SAVED, Failure, Run, run
@@ -83,33 +84,18 @@ def _is_quiet(run: Run, lane: int, part: _Part) -> bool:
 def _parts(shape: Shape, a: dict, whole: Run, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Begins and ends of times between events and knots, in order, (lanes, parts, 1) each; empty where there are fewer."""
     found = np.zeros((2, len(whole.ts), PARTS, 1))
-    for k, (first, *_, last) in enumerate(whole.ts):
-        period = 2 * np.pi / a["frequency"][k]
-        known = whole.t[k][: whole.num_events[k]]
-        if whole.num_events[k] >= ROOM:
-            last = known[-1]
-        marks = np.unique(
-            np.clip(np.concatenate([[first, last], known, _knots(shape, a, k, last)]), first, last)
-        )
+    for k, frequency in enumerate(a["frequency"]):
+        period, marks = 2 * np.pi / frequency, marks_of(shape, a, whole, k)
         long = np.flatnonzero(np.diff(marks) > SHORTEST * period)
         chosen = np.sort(rng.permutation(long)[:PARTS])
         length = np.diff(marks)[chosen]
         margin = 1e-3 * length
         most = np.minimum(period / 16, 1 / _fastest(shape, own_numbers(a, k)))
         start = marks[chosen] + margin + (length - 2 * margin) * rng.uniform(0.0, 0.5, len(chosen))
-        found[0, k, :, 0] = found[1, k, :, 0] = last
+        found[0, k, :, 0] = found[1, k, :, 0] = marks[-1]
         found[0, k, : len(chosen), 0] = start
         found[1, k, : len(chosen), 0] = np.minimum(marks[chosen + 1] - margin, start + most)
     return found[0], found[1]
-
-
-def _knots(shape: Shape, a: dict, lane: int, last: float) -> np.ndarray:
-    if shape.load == "table":
-        return a["knots"][lane]
-    if shape.load == "wave":
-        period = 2 * np.pi / a["frequency"][lane]
-        return ((np.arange(np.ceil(last / period))[:, None] + a["knots"][lane]) * period).ravel()
-    return np.empty(0)
 
 
 def _fastest(shape: Shape, own: dict) -> float:

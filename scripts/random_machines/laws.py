@@ -6,7 +6,7 @@ import vijax as vx
 
 from .loads import forces_with_power
 from .machines import matrices, own_numbers
-from .runs import SAVED, Failure, Run, code_of, run, start_of_rest
+from .runs import ROOM, SAVED, Failure, Run, code_of, run, start_of_rest
 from .shapes import Shape
 
 # Relative rounding that a step may add.
@@ -117,20 +117,25 @@ def _work(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failu
 def _quiet(shape: Shape, a: dict, whole: Run) -> tuple[np.ndarray, np.ndarray]:
     """The longest time between events and knots of each motion, or its first part that is a sixteenth of a period, (lanes,) each."""
     begin, end = [], []
-    for k, (first, *_, last) in enumerate(whole.ts):
-        period = 2 * np.pi / a["frequency"][k]
-        known = whole.t[k][: whole.num_events[k]]
-        if whole.num_events[k] > len(known):
-            last = known[-1]
-        own = a["knots"][k] if shape.load != "harmonic" else np.empty(0)
-        if shape.load == "wave":
-            own = (np.arange(round((last - first) / period))[:, None] + own).ravel() * period
-        marks = np.unique(np.clip(np.concatenate([[first, last], known, own]), first, last))
+    for k, frequency in enumerate(a["frequency"]):
+        period, marks = 2 * np.pi / frequency, marks_of(shape, a, whole, k)
         place = int(np.argmax(np.diff(marks)))
         margin = 1e-3 * (marks[place + 1] - marks[place])
         begin.append(marks[place] + margin)
         end.append(min(marks[place + 1] - margin, begin[-1] + period / 16))
     return np.array(begin), np.array(end)
+
+
+def marks_of(shape: Shape, a: dict, whole: Run, lane: int) -> np.ndarray:
+    """Times of a motion between which it is smooth: both ends, events and knots, up to the last event of a full log."""
+    first, *_, last = whole.ts[lane]
+    known, period = whole.t[lane][: whole.num_events[lane]], 2 * np.pi / a["frequency"][lane]
+    if whole.num_events[lane] >= ROOM:
+        last = known[-1]
+    own = a["knots"][lane] if shape.load != "harmonic" else np.empty(0)
+    if shape.load == "wave":
+        own = ((np.arange(np.ceil(last / period))[:, None] + own) * period).ravel()
+    return np.unique(np.clip(np.concatenate([[first, last], known, own]), first, last))
 
 
 def _power(shape: Shape, own: dict, part: Run, lane: int) -> np.ndarray:

@@ -132,7 +132,7 @@ class GrazingWatch(AbstractObserver):
         return update_grazing(machine, leg.before, leg.after, leg.instant, seen, live)
 
 
-class Impacts(NamedTuple):
+class CountedImpacts(NamedTuple):
     """Impacts with one stop: velocities just before the last transition, (n,), and their number."""
 
     v: Float[Array, " n"]
@@ -150,22 +150,22 @@ class ImpactCount(AbstractObserver):
     stop: Int[Array, ""]
     most: Int[Array, ""]
 
-    def first(self, machine: Machine, state: State, t0: Scalar) -> Impacts:
+    def first(self, machine: Machine, state: State, t0: Scalar) -> CountedImpacts:
         """None at the start."""
         del machine, t0
-        return Impacts(state.v, jnp.array(0))
+        return CountedImpacts(state.v, jnp.array(0))
 
-    def update(self, machine: Machine, seen: Impacts, leg: Leg, live: Flag) -> Impacts:
+    def update(self, machine: Machine, seen: CountedImpacts, leg: Leg, live: Flag) -> CountedImpacts:
         """Count an impact at the end of a step."""
         del machine
         is_later = (leg.before.periods > 0) | (leg.instant.time > 0)
         v = jnp.where(live, leg.flight.end.v, seen.v)
-        return Impacts(v, seen.number + (live & leg.instant.hit[self.stop] & is_later))
+        return CountedImpacts(v, seen.number + (live & leg.instant.hit[self.stop] & is_later))
 
-    def is_there(self, seen: Impacts) -> Flag:
+    def is_there(self, seen: CountedImpacts) -> Flag:
         """Flag: the motion has reached the last of them."""
         return seen.number >= self.most
 
-    def goes_on(self, seen: Impacts) -> Flag:
+    def goes_on(self, seen: CountedImpacts) -> Flag:
         """Flag: there are fewer."""
         return ~self.is_there(seen)
