@@ -119,6 +119,7 @@ def _quiet(shape: Shape, a: dict, whole: Run) -> tuple[np.ndarray, np.ndarray]:
     begin, end = [], []
     for k, frequency in enumerate(a["frequency"]):
         period, marks = 2 * np.pi / frequency, marks_of(shape, a, whole, k)
+        marks = np.append(marks, marks[-1])  # a log may be full at the start
         place = int(np.argmax(np.diff(marks)))
         margin = 1e-3 * (marks[place + 1] - marks[place])
         begin.append(marks[place] + margin)

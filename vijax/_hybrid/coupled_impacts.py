@@ -144,10 +144,13 @@ def struck_speeds(machine: Machine, state: State, instant: Instant) -> Struck:
     speed = jnp.where(instant.hit, instant.velocity_minus, 0)
     # Also where masses move alike under equal forces: the speed is then a rounding error of what these give.
     noise = contacts.noise(state.v) + 16 * float(jnp.finfo(speed.dtype).eps) * usual_speeds(machine, state)
-    restitution = jnp.where(speed > noise, contacts.restitution_at(speed), 0)
+    is_fast = speed > noise
+    restitution = jnp.where(is_fast, contacts.restitution_at(speed), 0)
     # Those with three leading zeros of their gap touch. What a force pulls apart has a gap just after this instant, so it is hit by
-    # itself, in turn, however short its flights are.
-    return Struck(speed, restitution, contacts.is_rigid & (state.held | (state.contact >= 3)))
+    # itself, in turn, however short its flights are, until what is left of the speeds at this instant is rounding.
+    is_slow = (state.gap == 0) & (jnp.abs(instant.velocity_minus) <= noise) & ~jnp.any(is_fast, axis=0)
+    rests = state.held | (state.contact >= 3) | (is_slow & ~instant.hit)
+    return Struck(speed, restitution, contacts.is_rigid & rests)
 
 
 def after_impulses(
@@ -169,11 +172,11 @@ def after_impulses(
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
     x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
     # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap.
-    is_closed = hit | closed | (state.gap == 0)
-    gap = contacts.gap_moved(state.gap, is_closed, x - state.x)
+    is_zero = state.gap == 0
+    gap = contacts.gap_moved(state.gap, hit | closed | is_zero, x - state.x)
     # Other contacts with zero gap may open, or be hit at the same instant, as these impacts change velocities.
     approach, noise = contacts.speeds(v, machine.phase_rate(state.phase)), contacts.noise(v)
-    is_left = contacts.is_rigid & ~hit & ~closed & (state.contact > 0)
+    is_left = contacts.is_rigid & is_zero & ~hit & ~state.held & (state.contact < 3)
     contact = jnp.where(is_left, jnp.where(approach > noise, jnp.int8(0), jnp.int8(2)), state.contact)
     contact = jnp.where(hit | is_open | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
