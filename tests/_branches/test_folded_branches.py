@@ -52,3 +52,29 @@ def test_a_branch_through_the_pitchfork_has_both_halves_all_the_same(orbits):
     (one,) = vx.branches(orbits, (1.46, 1.6), fold=True, progress=False)
     assert one.ends == ("bounds", "bounds")
     assert [point.kind for point in one.bifurcations] == ["pitchfork"]
+
+
+def test_friction_beside_the_stops_leaves_one_pitchfork_on_both_branches():
+    plain = between_stops(1.5)
+    system = vx.ImpactSystem(
+        plain.mass,
+        plain.damping,
+        plain.stiffness,
+        plain.forcing,
+        plain.stops,
+        friction=[vx.Friction(0, 0.05)],
+    )
+    sol = vx.simulate(system, 0.0, 300 * system.forcing.period, [0.1], [0.0], max_events=8, throw=False)
+    orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
+    assert orbit.symmetries() == ()
+    asymmetric = vx.continuation(orbit, PATH, (1.3, 1.8), progress=False)
+    # The branch leads to its mirror image, through the same events in turn.
+    there, back = ([(point.kind, point.value) for point in asymmetric.bifurcations[::way]] for way in (1, -1))
+    assert [kind for kind, _ in there] == [kind for kind, _ in back]
+    np.testing.assert_allclose([a for _, a in there], [a for _, a in back], rtol=1e-12)
+    (point,) = (p for p in asymmetric.bifurcations if p.kind == "pitchfork")
+    (symmetric,) = vx.switch_branch(point)
+    assert len(symmetric.symmetries()) == 1
+    (same,) = vx.continuation(symmetric, PATH, (1.3, 1.8), progress=False).bifurcations
+    assert same.kind == "pitchfork"
+    assert same.value == pytest.approx(point.value, rel=1e-12)
