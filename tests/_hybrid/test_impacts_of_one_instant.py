@@ -77,3 +77,18 @@ def test_in_a_batch_beside_motions_that_leave():
     starts = jnp.array([[0.0, -0.5], [0.0, 0.5], [0.0, -0.25]])
     ends = jax.vmap(lambda v: vx.simulate(system, 0.0, 5.0, [0.0, 0.0], v).x1)(starts)
     np.testing.assert_allclose(ends, [[1.25, 3.75], [1.25, 6.25], [1.25, 3.75]], rtol=0, atol=1e-13)
+
+
+def test_masses_that_an_impact_leaves_with_one_speed_hold_where_their_load_begins_to_press():
+    """A spring pulls the first of two touching masses, at rest where they get one speed, into the second with a force that begins at zero."""
+    spring, none = np.diag([1.0, 0.0, 0.0]), np.zeros((3, 3))
+    stops = [vx.Stop(0, -0.1, "lower", 0.5), vx.Contact({0: 1, 1: -1}, 0.0), vx.Contact({1: 1, 2: -1}, 0.0)]
+    system = vx.ImpactSystem([1.0, 1.0, 1.0], none, spring, vx.Harmonic(np.zeros(3), 1.0), stops)
+    sol = vx.simulate(system, 0.0, 0.5, np.zeros(3), [-0.5, 0.8, -0.5])
+    kinds = np.asarray(sol.events.kind)[: int(sol.num_events)].tolist()
+    assert kinds == [vx.IMPACT, vx.STICK, vx.IMPACT]
+    # Both hang on the spring until the first hits its stop.
+    w = np.sqrt(0.5)
+    np.testing.assert_allclose(sol.events.t[2], np.arcsin(0.1 * w / 0.5) / w, rtol=1e-14)
+    assert bool(sol.stuck1[1])
+    np.testing.assert_allclose(sol.x1[2], 0.4, rtol=1e-15)

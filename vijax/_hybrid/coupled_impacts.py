@@ -101,7 +101,8 @@ def resolve(
     )
     if not machine.can_stick:
         return after, instant
-    is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
+    # An impact may also bring to rest what touches, as where masses of one speed meet.
+    is_doubtful = state.held | (after.contact >= 2) | (hit & is_light(instant.velocity_plus))
     return jax.lax.cond(
         is_any(is_doubtful),
         lambda: _stick_and_release(machine, after, instant, is_event, torn, jumps),
