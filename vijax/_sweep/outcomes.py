@@ -25,9 +25,7 @@ def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
         count = np.count_nonzero(results == code_of(name))
         if count:
             message = RESULTS[getattr(RESULTS, name)]
-            warnings.warn(
-                f"{count} of {results.size} points ended with {message}", stacklevel=users_line()
-            )
+            warnings.warn(f"{count} of {results.size} points ended with {message}", stacklevel=users_line())
 
 
 def warn_of_unsettled(count: int, of: int, transient: int) -> None:
