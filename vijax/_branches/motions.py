@@ -111,5 +111,5 @@ def _known(layout: Layout) -> KnownMachine:
 
 def _sizes(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """Packed zeros of a layout."""
-    num = [max((at.end for at in layout.places if at.is_real is kind), default=0) for kind in (True, False)]
-    return np.zeros(num[0], layout.dtypes[1]), np.zeros(num[1], layout.dtypes[0])
+    wholes, reals = (np.zeros(size, dtype) for size, dtype in zip(layout.sizes, layout.dtypes, strict=True))
+    return reals, wholes

@@ -164,4 +164,6 @@ def selected_rows(record: Record, which: np.ndarray | slice) -> Record:
 
 def joined(parts: Sequence[Record]) -> Record:
     """The rows of all parts, one part after another."""
+    if len(parts) == 1:
+        return parts[0]
     return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)

@@ -66,7 +66,8 @@ class PointResults:
         """Results of points counted from 0, renumbered by `which` in the whole sweep and put in increasing order."""
         numbers = which.ravel()
         numbers = numbers.astype(np.int32) if numbers.max(initial=0) < 2**31 else numbers
-        ends = {name: a[..., np.argsort(numbers)] for name, a in self.ends.items()}
+        order = np.argsort(numbers)
+        ends = {name: a.take(order, axis=-1) for name, a in self.ends.items()}
         return replace(self, ends=ends, impacts=replace(self.impacts, point=numbers[self.impacts.point]))
 
 

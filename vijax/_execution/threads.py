@@ -143,14 +143,15 @@ def _run_queue(
 
 def _sections(marks: PeriodEnd, record: int, num_points: int) -> dict[str, np.ndarray]:
     """The marks as tables, (..., periods, points)."""
-    tables = {}
+    tables, place = {}, marks.mark.astype(np.intp) * num_points + marks.point
     for name in ("x", "v", "held_time", "growth"):
         rows = getattr(marks, name)
         if rows is None:
             continue
-        table = np.zeros((rows.shape[1], record, num_points), rows.dtype)
-        table[:, marks.mark, marks.point] = rows.T
-        tables[f"section_{name}"] = table
+        table = np.zeros((rows.shape[1], record * num_points), rows.dtype)
+        for k, column in enumerate(rows.T):
+            table[k, place] = column
+        tables[f"section_{name}"] = table.reshape(-1, record, num_points)
     return tables
 
 

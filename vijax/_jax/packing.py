@@ -5,6 +5,7 @@ take longer than most trajectories.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.dtypes import canonicalize_dtype
-from jaxtyping import Array, PyTree
+from jaxtyping import PyTree
 
 from .arrays import Reals
 from .concrete import concrete_evaluation, is_tracer
@@ -38,6 +39,11 @@ class Place:
     shape: tuple[int, ...]
     dtype: np.dtype
 
+    @property
+    def is_complex(self) -> bool:
+        """True for complex numbers."""
+        return self.dtype.kind == "c"
+
 
 class Layout:
     """All of a tree but its numbers, as part of the structure of a packed one. Immutable.
@@ -46,12 +52,18 @@ class Layout:
         structure: structure of the tree.
         leaves: for every array its `Place`, for any other leaf the leaf itself.
         dtypes: types of the packed integers and of the packed reals.
+        places: places of all arrays.
+        sizes: numbers of packed integers and of packed reals.
     """
 
     def __init__(self, structure: Any, leaves: tuple[Any, ...], dtypes: tuple[np.dtype, np.dtype]):
         self.structure, self.leaves, self.dtypes = structure, leaves, dtypes
-        # Every call of a program needs it.
+        # Every call of a program needs these.
         self._hash = hash((structure, leaves, dtypes))
+        self.places = tuple(at for at in leaves if isinstance(at, Place))
+        self.sizes = tuple(
+            max((at.end for at in self.places if at.is_real is kind), default=0) for kind in (False, True)
+        )
 
     def __hash__(self) -> int:
         return self._hash
@@ -69,15 +81,26 @@ class Layout:
     def __repr__(self) -> str:
         return f"Layout({len(self.leaves)} leaves)"
 
-    @property
-    def places(self) -> list[Place]:
-        """Places of all arrays."""
-        return [at for at in self.leaves if _is_place(at)]
+    def arrays_in(self, leaves: list) -> list:
+        """The arrays among the leaves of a tree."""
+        if len(leaves) == len(self.places):
+            return leaves
+        return [leaf for leaf, at in zip(leaves, self.leaves, strict=True) if isinstance(at, Place)]
+
+    def arrays_of(self, reals: Reals, wholes: Reals) -> list[Reals]:
+        """The arrays in packed numbers."""
+        return [_at(reals if at.is_real else wholes, at) for at in self.places]
+
+    def tree_of(self, arrays: Iterable) -> PyTree:
+        """The tree with these arrays."""
+        if len(self.leaves) > len(self.places):
+            given = iter(arrays)
+            arrays = [next(given) if isinstance(at, Place) else at for at in self.leaves]
+        return jax.tree.unflatten(self.structure, arrays)
 
     def shapes(self) -> PyTree:
         """The tree, with shapes and types in place of its arrays."""
-        leaves = [jax.ShapeDtypeStruct(at.shape, at.dtype) if _is_place(at) else at for at in self.leaves]
-        return jax.tree.unflatten(self.structure, leaves)
+        return self.tree_of([jax.ShapeDtypeStruct(at.shape, at.dtype) for at in self.places])
 
 
 # One object for equal layouts, because programs compare them at every call.
@@ -120,19 +143,14 @@ class Packed:
 
     def each_unpacked(self) -> list[PyTree]:
         """The trees of a batch in NumPy arrays: it is cut once."""
-        leaves, structure = jax.tree.flatten(self.unpacked())
-        return [jax.tree.unflatten(structure, own) for own in zip(*leaves, strict=True)]
+        if not len(self.reals):
+            return []
+        rows = zip(*self.layout.arrays_of(np.asarray(self.reals), np.asarray(self.wholes)), strict=True)
+        return [self.layout.tree_of(own) for own in rows]
 
     def unpacked_by_kernel(self) -> PyTree:
         """`unpacked` in a program, by one kernel and not by one for each array."""
-        places = self.layout.places
-
-        def cut(reals: Array, wholes: Array) -> list[Array]:
-            return [_at(reals if at.is_real else wholes, at) for at in places]
-
-        parts = iter(in_one_kernel(cut, self.reals, self.wholes))
-        leaves = [next(parts) if _is_place(at) else at for at in self.layout.leaves]
-        return jax.tree.unflatten(self.layout.structure, leaves)
+        return self.layout.tree_of(in_one_kernel(self.layout.arrays_of, self.reals, self.wholes))
 
     def at(self, rows: Any) -> "Packed":
         """One tree of a batch, or several."""
@@ -143,25 +161,21 @@ class Packed:
         return Packed(np.asarray(self.reals), np.asarray(self.wholes), self.layout)
 
     def _cut(self, reals: Reals, wholes: Reals) -> PyTree:
-        leaves = [
-            _at(reals if at.is_real else wholes, at) if _is_place(at) else at for at in self.layout.leaves
-        ]
-        return jax.tree.unflatten(self.layout.structure, leaves)
+        return self.layout.tree_of(self.layout.arrays_of(reals, wholes))
 
 
 def _at(numbers: Reals, place: Place) -> Reals:
-    if place.dtype.kind == "c":
+    if place.is_complex:
         middle = (place.begin + place.end) // 2
         of_part = replace(place, dtype=numbers.dtype)
         real, imaginary = replace(of_part, end=middle), replace(of_part, begin=middle)
         return _complex(_at(numbers, real), _at(numbers, imaginary)).astype(place.dtype)
     lead = numbers.shape[:-1]
     if isinstance(numbers, np.ndarray):  # in few calls: a branch of orbits cuts many rows
-        if not place.shape:
-            part = numbers[..., place.begin][()]  # a number, not an array without axes
-        else:
-            part = numbers[..., place.begin : place.end]
-            part = part.reshape((*lead, *place.shape)) if len(place.shape) > 1 else part
+        where = slice(place.begin, place.end) if place.shape else place.begin
+        # With an ellipsis a number would be an array without axes.
+        part = numbers[..., where] if lead else numbers[where]
+        part = part.reshape((*lead, *place.shape)) if len(place.shape) > 1 else part
         return part if part.dtype == place.dtype else part.astype(place.dtype)
     part = jax.lax.slice_in_dim(numbers, place.begin, place.end, axis=len(lead))
     return part.reshape(*lead, *place.shape).astype(place.dtype)
@@ -184,19 +198,40 @@ def pack(tree: PyTree, layout: Layout | None = None, *, has_rows: bool = False) 
         layout: its layout, to save the time to find it.
         has_rows: whether it is a batch of trees, whose arrays have it as their first axis.
     """
-    layout = layout_of(tree, has_rows=has_rows) if layout is None else layout
+    leaves, structure = jax.tree.flatten(tree)
+    layout = _layout_of_leaves(leaves, structure, has_rows=has_rows) if layout is None else layout
+    arrays = layout.arrays_in(leaves)
+    lead = np.shape(arrays[0])[:1] if has_rows and arrays else ()
     parts: tuple[list, list] = ([], [])
-    for leaf, at in zip(jax.tree.leaves(tree), layout.leaves, strict=True):
-        if _is_place(at):
-            parts[at.is_real].extend(_real_parts(leaf))
-    lead = next((np.shape(a)[:1] for own in parts for a in own), ()) if has_rows else ()
-    wholes, reals = (_joined(own, dtype, lead) for own, dtype in zip(parts, layout.dtypes, strict=True))
+    for a, at in zip(arrays, layout.places, strict=True):
+        parts[at.is_real].extend((a.real, a.imag) if at.is_complex else (a,))
+    wholes, reals = (
+        _joined(own, size, dtype, lead)
+        for own, size, dtype in zip(parts, layout.sizes, layout.dtypes, strict=True)
+    )
     return Packed(reals, wholes, layout)
+
+
+def _joined(arrays: list[Reals], size: int, dtype: np.dtype, lead: tuple[int, ...]) -> Reals:
+    """The numbers of some arrays, behind their first axes `lead`."""
+    if any(map(is_tracer, arrays)):
+        flat = [jnp.reshape(jnp.asarray(a), (*lead, math.prod(a.shape[len(lead) :]))) for a in arrays]
+        return jnp.concatenate([jnp.zeros((*lead, 0), dtype), *flat], axis=-1, dtype=dtype)
+    # Each is written once, where it stands: a branch of orbits packs many small ones.
+    found, begin = np.empty((*lead, size), dtype), 0
+    for a in arrays:
+        end = begin + math.prod(a.shape[len(lead) :])
+        found[..., begin:end] = np.asarray(a).reshape((*lead, end - begin))
+        begin = end
+    return found
 
 
 def layout_of(tree: PyTree, *, has_rows: bool = False) -> Layout:
     """Layout of a tree in the precision in which JAX computes, see `pack`."""
-    leaves, structure = jax.tree.flatten(tree)
+    return _layout_of_leaves(*jax.tree.flatten(tree), has_rows=has_rows)
+
+
+def _layout_of_leaves(leaves: list, structure: Any, *, has_rows: bool) -> Layout:
     kinds = tuple(
         _Kind(leaf.shape[int(has_rows) :], leaf.dtype)
         if isinstance(leaf, jax.Array | np.ndarray | np.generic)
@@ -227,18 +262,3 @@ def _layout_of_kinds(structure: Any, kinds: tuple, has_doubles: bool) -> Layout:
         places.append(Place(bool(kind), begin, ends[kind], shape, dtype))
         floats += [jnp.finfo(dtype).dtype] if kind else []
     return _one_layout(structure, tuple(places), (jnp.result_type(int), jnp.result_type(float, *floats)))
-
-
-def _real_parts(a: Reals) -> list[Reals]:
-    return [a.real, a.imag] if np.dtype(a.dtype).kind == "c" else [a]
-
-
-def _joined(arrays: list[Reals], dtype: np.dtype, lead: tuple[int, ...]) -> Reals:
-    """The numbers of some arrays, behind their first axes `lead`."""
-    xp = jnp if any(map(is_tracer, arrays)) else np
-    flat = [xp.reshape(xp.asarray(a), (*lead, math.prod(a.shape[len(lead) :]))) for a in arrays]
-    return xp.concatenate([xp.zeros((*lead, 0), dtype), *flat], axis=-1, dtype=dtype)
-
-
-def _is_place(leaf: Any) -> bool:
-    return isinstance(leaf, Place)

@@ -124,8 +124,9 @@ def _impact_table(points: LaneInput, counts: Counts, found: PointResults) -> dic
     tables = {name: np.full(shape, FILL.get(name, np.nan), a.dtype) for name, a in none.items()}
     for first in range(0, len(impacts.point), _ROWS):
         rows = selected_rows(impacts, slice(first, first + _ROWS))
+        place = rows.point.astype(np.intp) * longest + rows.number  # one index for all tables
         for name, column in _impact_columns(points, rows, has_phases=has_phases).items():
-            tables[name][rows.point, rows.number] = column
+            tables[name].reshape(-1)[place] = column
     return tables
 
 
@@ -158,10 +159,10 @@ def _slopes(stops: tuple[AbstractLimit, ...], stop: Column, point: Column, phase
 
 def _section_table(counts: Counts, found: PointResults, system: ImpactSystem) -> dict[str, np.ndarray]:
     """State of every point at the end of each recorded period; NaN for periods that it did not reach."""
-    is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
+    # Points are last until the tables are done, as NumPy is slow along short last axes.
+    is_reached = np.arange(counts.record)[:, None] < found.ends["periods"] - counts.transient
     x, v, held_time = (
-        np.where(is_reached[..., None], found.ends.pop(f"section_{name}").T, np.nan)
-        for name in ("x", "v", "held_time")
+        np.where(is_reached, found.ends.pop(f"section_{name}"), np.nan).T for name in ("x", "v", "held_time")
     )
     for k in range(counts.record - 1, 0, -1):  # in place: `np.diff` takes memory for two more tables
         held_time[:, k] -= held_time[:, k - 1]

@@ -2,6 +2,7 @@
 
 import warnings
 
+import numpy as np
 import xarray as xr
 
 from .._dataset_checks import check_columns
@@ -19,13 +20,12 @@ def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
     check_columns(ds, "`vx.sweep`", {"result": ()})
     if ds.attrs.get("max_impacts") == 0:  # no log was requested
         names = tuple(name for name in names if name != "max_impacts_reached")
+    results = ds["result"].values
     for name in names:
-        count = int((ds["result"] == code_of(name)).sum())
+        count = np.count_nonzero(results == code_of(name))
         if count:
             message = RESULTS[getattr(RESULTS, name)]
-            warnings.warn(
-                f"{count} of {ds['result'].size} points ended with {message}", stacklevel=users_line()
-            )
+            warnings.warn(f"{count} of {results.size} points ended with {message}", stacklevel=users_line())
 
 
 def warn_of_unsettled(count: int, of: int, transient: int) -> None:

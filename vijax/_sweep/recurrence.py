@@ -83,7 +83,8 @@ def _of_block(section: np.ndarray, tolerance: float) -> Recurrence:
         is_settling[left] |= is_falling | (last <= tolerance)
         found[left[is_cycle]] = n
         if is_cycle.any():
-            left, rows = left[~is_cycle], rows[..., ~is_cycle]
+            # An index would store the points first.
+            left, rows = left[~is_cycle], rows.compress(~is_cycle, axis=-1)
     contraction[np.isinf(contraction)] = np.nan
     return Recurrence(found, error, contraction, is_settling & (found == 0))
 
@@ -99,7 +100,7 @@ def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     now, before = (steps[len(steps) - k * n :][:n].max(axis=0) for k in (1, 2))
     factor = np.maximum(factor, now / np.maximum(before, _TINY))
     is_near = (thirds[2] <= _NEAR) & (thirds[2] <= thirds[0])
-    return last, factor, is_near | (np.diff(steps[third:], axis=0) < 0).all(axis=0)
+    return last, factor, is_near | (steps[third + 1 :] < steps[third:-1]).all(axis=0)
 
 
 def periods_left(found: Recurrence, tolerance: float, record: int) -> np.ndarray:

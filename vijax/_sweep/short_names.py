@@ -70,6 +70,8 @@ def without_names(
 def with_names(ds: xr.Dataset, names: Mapping[str, str]) -> xr.Dataset:
     """The dataset with short names for some of its paths, from the attributes of their coordinates."""
     pairs = [(path, name) for path, name in names.items() if path in ds.coords]
+    if not pairs:
+        return ds
     found = ds.rename({path + end: name + end for path, name in pairs for end in _ends(ds, path)})
     for path, name in pairs:
         for end in _ends(ds, path):

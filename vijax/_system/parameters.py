@@ -15,6 +15,7 @@ import dataclasses
 import re
 from collections import OrderedDict
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -23,7 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from .._jax.arrays import Numbers, as_float
+from .._jax.arrays import Numbers, Reals, as_float
+from .._jax.concrete import has_tracer
 from .family import Family
 from .force import force_numbers
 from .spelling import did_you_mean
@@ -98,19 +100,30 @@ def set_parameter(whole: Whole, path: str, value: Numbers) -> Whole:
             Traced values are not checked.
     """
     place, (leaves, structure) = find_parameter(whole, path), jax.tree.flatten(whole)
-    old = [jnp.asarray(leaves[i]) for i in place.leaves]
+    new, old = as_float(value, path), [leaves[i] for i in place.leaves]
+    # One operation of JAX on a known array takes as long as all that is done here.
+    library = jnp if has_tracer((new, old)) else np
+    old = [library.asarray(a) for a in old]
     entries = [a[place.index] for a in old]
     _check_alike(path, entries)
-    new, one, all_places = as_float(value, path), entries[0].shape, (len(old), *entries[0].shape)
+    one, all_places = entries[0].shape, (len(old), *entries[0].shape)
     if new.shape != one and not ("*" in path and new.shape == all_places):
         wanted = f"{one} or {all_places}" if "*" in path else f"{one}"
         raise ValueError(f"The value of `{path}` must have shape {wanted}, but has shape {new.shape}.")
     for k, (i, a) in enumerate(zip(place.leaves, old, strict=True)):
-        leaves[i] = a.at[place.index].set((new if new.shape == one else new[k]).astype(a.dtype))
+        leaves[i] = _with_entry(a, place.index, new if new.shape == one else new[k])
     changed = jax.tree.unflatten(structure, leaves)
     if isinstance(own := _system_of(changed), ImpactSystem):  # that of a family is checked where it is made
         check_again(own)
     return changed
+
+
+def _with_entry(a: Array | np.ndarray, index: tuple[int, ...], value: Array) -> Array:
+    if not isinstance(a, np.ndarray):
+        return a.at[index].set(value.astype(a.dtype))
+    changed = np.array(a)
+    changed[index] = value
+    return jax.device_put(changed)
 
 
 def machine_at(whole: eqx.Module, path: str, value: Numbers) -> ImpactSystem:
@@ -184,8 +197,12 @@ def _is_inside(index: tuple[int, ...], shape: tuple[int, ...]) -> bool:
 
 def _numbers_of_leaves(whole: eqx.Module) -> dict[str, int]:
     """Number among the leaves for each path of a whole array."""
-    leaves, structure = jax.tree.flatten(whole)
-    counted = jax.tree.unflatten(structure, range(len(leaves)))
+    return _numbers_in(jax.tree.structure(whole))
+
+
+@lru_cache
+def _numbers_in(structure: Any) -> dict[str, int]:
+    counted = jax.tree.unflatten(structure, range(structure.num_leaves))
     named, _ = jax.tree_util.tree_flatten_with_path(_named(counted))
     return {_of_sum(_plain(jax.tree_util.keystr(keys)).lstrip(".")): i for keys, i in named}
 
@@ -216,7 +233,7 @@ def _of_sum(path: str) -> str:
     return re.sub(r"\bforcing\.common\b", "forcing.frequency", path.replace("forcing.parts[", "forcing["))
 
 
-def _check_alike(path: str, values: Iterable[Array]) -> None:
+def _check_alike(path: str, values: Iterable[Reals]) -> None:
     shapes = list(dict.fromkeys(a.shape for a in values))
     if len(shapes) > 1:
         raise ValueError(f"The path `{path}` names arrays of the shapes {shapes}: name them one by one.")
