@@ -100,8 +100,7 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoi
     if not away < NEAR:
         return None
     num = len(sequence.kind) // 2
-    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
-    guess = place._replace(flights=place.flights[:num])
+    once, guess = trimmed(sequence, num), trimmed(place, num)
     found = yield from ask(KernelCall(doubling, once, (guess,)))
     # At a fold beside a grazing the two halves may be close as well.
     distance, within = away, LOCATED
