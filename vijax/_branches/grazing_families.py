@@ -85,11 +85,11 @@ def leave(
     sequence: Sequence, place: ExtendedCycle, hits: list[int], lengths: tuple[float, ...]
 ) -> Requests[BranchPoint | None]:
     """The point of a family at the first of some distances at which the machine follows it; None if at none."""
-    seen = yield from correct_with_free_parameter(sequence, place)
-    if not seen.found.is_converged:
+    cycle = yield from correct_with_free_parameter(sequence, place)
+    if not cycle.found.is_converged:
         return None
-    at = BranchPoint.of(sequence, seen, 0.0)
-    is_ahead = seen.rates.speeds[hits] > 0
+    at = BranchPoint.of(sequence, cycle, 0.0)
+    is_ahead = cycle.rates.speeds[hits] > 0
     if is_ahead.any() != is_ahead.all():
         return None
     tangent = at.tangent if is_ahead.all() else at.tangent.turned()

@@ -102,8 +102,8 @@ def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> Requests[Bran
     """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
     once = trimmed(sequence, num)
-    seen = yield from correct_with_free_parameter(once, trimmed(place, num))
-    at = BranchPoint.of(once, seen, 0.0)
+    cycle = yield from correct_with_free_parameter(once, trimmed(place, num))
+    at = BranchPoint.of(once, cycle, 0.0)
     return (yield from first_followed(once, at.place, at.tangent, TRIALS_ON_OTHER))
 
 
