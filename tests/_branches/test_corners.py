@@ -41,6 +41,31 @@ def test_two_impacts_at_once_are_first_exchanged():
     assert words[0] == (other, one)
 
 
+def test_a_held_mass_may_hop_and_land_at_once_whatever_the_restitution():
+    words = words_between(((HELD,), (HELD,)), (0,), machine_of(RIGID), ())
+    assert words[0] == (Letter(RELEASE, 0, (FREE,)), Letter(IMPACT, 0, (HELD,)))
+
+
+def test_a_mass_that_comes_to_rest_may_bounce_once_before():
+    rests = (Letter(IMPACT, 0, (HELD,)),)
+    words = words_between(((FREE,), (HELD,)), (0,), machine_of(RIGID), rests)
+    assert words[0] == (Letter(IMPACT, 0, (FREE,)), *rests)
+    back = words_between(((FREE,), (HELD,)), (0,), machine_of(RIGID), words[0])
+    assert back[0] == rests
+
+
+def test_a_contact_that_lags_behind_its_mass_may_push_again_before_the_mass_leaves():
+    """It opens by its force inside, and the mass leaves without an event of the log, or turns back."""
+    inside = Letter(OPEN + SECOND, 0, (INSIDE,))
+    words = words_between(((CLOSED,), (CLOSED,)), (0,), machine_of(COMPLIANT), ())
+    assert (inside, Letter(CLOSE + SECOND, 0, (CLOSED,))) in words
+    words = words_between(((CLOSED,), (FREE,)), (0,), machine_of(COMPLIANT), (Letter(OPEN, 0, (FREE,)),))
+    assert (Letter(OPEN + SECOND, 0, (FREE,)),) in words
+    silent = inside, Letter(LEAVE, 0, (FREE,))
+    assert silent in words
+    assert meaning(silent) == meaning((Letter(OPEN + SECOND, 0, (FREE,)),))
+
+
 def test_friction_that_turns_may_stick_in_between():
     words = words_between(((AHEAD,), (BEHIND,)), (0,), machine_of(FRICTION), (Letter(TURN, 0, (BEHIND,)),))
     stick = Letter(STICK, 0, (STICKING,))

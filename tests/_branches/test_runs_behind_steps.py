@@ -5,7 +5,7 @@ import pytest
 
 import vijax as vx
 from vijax._branches import followed_steps
-from vijax._branches.batches import Stock
+from vijax._branches.batches import FamilyStack
 
 pytestmark = pytest.mark.slow
 
@@ -46,13 +46,13 @@ def _assert_same(one, other):
 def test_a_branch_is_the_same_with_runs_in_the_program_and_behind_it(monkeypatch, behind):
     branch, num = behind
     assert num > 10
-    made = Stock.__init__
+    made = FamilyStack.__init__
 
     def inside(self, families):
         made(self, families)
         self.switches = False
 
-    monkeypatch.setattr(Stock, "__init__", inside)
+    monkeypatch.setattr(FamilyStack, "__init__", inside)
     monkeypatch.setattr(followed_steps, "_end_of", None)  # not called
     _assert_same(branch, _branch())
 

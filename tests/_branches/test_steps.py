@@ -8,7 +8,7 @@ from scipy.interpolate import BPoly
 
 from vijax._branches import test_functions as tests
 from vijax._branches.admissibility import Margins
-from vijax._branches.batches import Stock
+from vijax._branches.batches import FamilyStack
 from vijax._branches.corrector import Corrected
 from vijax._branches.kernels import CorrectedCycle, corrected_cycle
 from vijax._branches.margin_scan import LeastMargins
@@ -28,7 +28,7 @@ from vijax._orbits.sequence import Sequence
 ROOM, STOPS = 16, 2
 
 
-def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> CorrectedCycle:
+def cycle(rng: np.random.Generator, mu: np.ndarray | None = None) -> CorrectedCycle:
     """Random test functions of one cycle or, with the multipliers of several, of those."""
     if mu is None:
         root = complex(*rng.normal(size=2))
@@ -55,7 +55,7 @@ def sequence_of(rng: np.random.Generator, num_events: int) -> Sequence:
 def test_margins_are_the_tests_of_a_sequence(num_events):
     rng = np.random.default_rng(num_events)
     for _ in range(20):
-        sequence, before, after = sequence_of(rng, num_events), seen(rng), seen(rng)
+        sequence, before, after = sequence_of(rng, num_events), cycle(rng), cycle(rng)
         (long,) = padded(sequence, (), ROOM)
         own, later = margins(long, before), margins(long, after)
         values = [test.of(before) for test in tests.tests_of(sequence)]
@@ -69,9 +69,9 @@ def test_margins_are_the_tests_of_a_sequence(num_events):
 def test_functions_of_multipliers_are_those_of_each_branch():
     # One multiplier is infinite, as at a grazing.
     rng = np.random.default_rng(0)
-    rows = [np.asarray(seen(rng).found.multipliers) for _ in range(6)]
+    rows = [np.asarray(cycle(rng).found.multipliers) for _ in range(6)]
     rows[2] = np.array([np.inf, 0.2, -0.5, 0.1], complex)
-    together, alone = seen(rng, np.stack(rows)), [seen(rng, mu) for mu in rows]
+    together, alone = cycle(rng, np.stack(rows)), [cycle(rng, mu) for mu in rows]
     for of in (of_doubling, of_meeting, of_pairs):
         np.testing.assert_allclose(of(np.stack(rows)), [of(mu) for mu in rows], rtol=1e-14)
     np.testing.assert_allclose(num_unstable(together), [num_unstable(one) for one in alone], rtol=1e-14)
@@ -80,7 +80,7 @@ def test_functions_of_multipliers_are_those_of_each_branch():
 def test_points_side_by_side_are_what_each_is_alone():
     rng = np.random.default_rng(0)
     sequence = sequence_of(rng, 3)
-    rows = pack(jax.tree.map(lambda *a: np.stack(a), *(seen(rng) for _ in range(3))), has_rows=True)
+    rows = pack(jax.tree.map(lambda *a: np.stack(a), *(cycle(rng) for _ in range(3))), has_rows=True)
     plain = [PlainPoint(sequence, rows, k, float(k)) for k in (2, 0)]
     few, many = (seen_with_room(rng, room) for room in (ROOM, 2 * ROOM))
     points = [BranchPoint.of(sequence, few, 0.0), plain[0], BranchPoint.of(sequence, many, 1.0), plain[1]]
@@ -95,7 +95,7 @@ def test_points_side_by_side_are_what_each_is_alone():
 
 def seen_with_room(rng: np.random.Generator, room: int) -> CorrectedCycle:
     """A cycle with capacity for that many events."""
-    one = seen(rng)
+    one = cycle(rng)
     longer = lambda a: np.resize(a, room) if np.shape(a) == (ROOM,) else a  # noqa: E731
     return jax.tree.map(longer, one)
 
@@ -108,8 +108,8 @@ def test_a_branch_that_comes_to_too_many_events_is_told_so():
             yield KernelCall(corrected_cycle, sequence_of(rng, 3), (str(why),))
 
     rng = np.random.default_rng(0)
-    family, stock = object.__new__(ParameterFamily), object.__new__(Stock)
-    assert _next_request(family, stock, task(), None).arguments == ("max_events",)
+    family, stack = object.__new__(ParameterFamily), object.__new__(FamilyStack)
+    assert _next_request(family, stack, task(), None).arguments == ("max_events",)
 
 
 def test_a_batch_of_one_is_computed_without_vmap_with_the_same_numbers():

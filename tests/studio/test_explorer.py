@@ -303,7 +303,7 @@ def test_a_single_one_of_many_points_is_drawn_as_nine_pixels():
 
 def test_bifurcations_and_labels_of_the_diagram_are_those_of_matplotlib(sweep):
     pytest.importorskip("panel")
-    from vijax.plot._branch import marks_of_branch
+    from vijax.plot._branch_lines import marks_of_branch
     from vijax.studio.explorer.diagram import Ordinates, branch_marks, plain_label, sign_of
     from vijax.studio.explorer.look import LIGHT
     from vijax.studio.explorer.widgets import legend_of_points

@@ -32,7 +32,7 @@ from .batch_pass import (
     past_event,
     prepared_problem,
 )
-from .corrector import Corrected, NewtonState, is_converged, is_going_on
+from .corrector import Corrected, NewtonState, before_the_first_step, corrected_of, is_going_on
 from .parameter_family import ExtendedCycle, ParameterFamily
 
 # Most masses of a machine for which all is written out: compilation takes 2 ms an operation.
@@ -62,20 +62,11 @@ def correct_many(
         new = _newton_step(cycles, now, here)
         return jax.tree.map(lambda a, b: jnp.where(is_on, a, b), new, state)
 
-    first = guess, _nothing(guess)
+    first = guess, before_the_first_step(guess)
     now = jax.lax.while_loop(lambda state: jnp.any(is_going_on(state[1], family.tolerance)), turn, first)[1]
     length = jnp.sqrt(_along(now.tangent, now.tangent))
     erased = 2 * jnp.max(jnp.sum(sequence.mode, axis=1), axis=0, initial=0)
-    return Corrected(
-        place=now.place,
-        tangent=ExtendedCycle(*(a / length for a in now.tangent)),
-        multipliers=multipliers_of(now.pencil, erased, family.shifts),
-        speeds=now.speeds,
-        residual=now.residual,
-        first=now.first,
-        num_steps=now.num_steps,
-        is_converged=is_converged(now),
-    )
+    return corrected_of(now, length, multipliers_of(now.pencil, erased, family.shifts))
 
 
 class _Cycles(NamedTuple):
@@ -186,12 +177,3 @@ def _along(one: ExtendedCycle, other: ExtendedCycle) -> Array:
 
 def _at(tree: Any, k: Array | int) -> Any:
     return jax.tree.map(lambda a: a[k], tree)
-
-
-def _nothing(guess: ExtendedCycle) -> NewtonState:
-    zero, size = jnp.zeros_like(guess.p), len(guess.z)
-    big = zero + jnp.finfo(zero.dtype).max
-    square = jnp.zeros((size, size, *zero.shape), zero.dtype)
-    none = jnp.zeros(zero.shape, int)
-    pencil = Pencil(square, square)
-    return NewtonState(guess, pencil, guess, jnp.zeros_like(guess.flights), zero, zero, big, big, none)

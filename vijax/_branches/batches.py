@@ -21,7 +21,7 @@ from .step_kernel import each_row, first_corrections, take_steps
 _WORTH_IT, _CHEAPER = 512, 32
 
 
-class Stock:
+class FamilyStack:
     """Stacked families of one tree structure and shapes; several tasks may share one.
 
     Attributes:
@@ -73,12 +73,12 @@ def stacked(trees: list) -> Any:
 
 
 def call(
-    program: Callable, stock: Stock, tasks: Many[int], rows: Any, form: Form | None = None
+    program: Callable, stack: FamilyStack, tasks: Many[int], rows: Any, form: Form | None = None
 ) -> dict[int, Any]:
     """Results of a kernel for some tasks and the rows of its other arguments, computed batch by batch, in a form."""
-    size = (form or stock.form(len(tasks))).size
+    size = (form or stack.form(len(tasks))).size
     run = compiled(program, size)
-    return answers(tasks, in_batches(run, size, stock.of(tasks), pack(rows, has_rows=True))[0])
+    return answers(tasks, in_batches(run, size, stack.of(tasks), pack(rows, has_rows=True))[0])
 
 
 def answers(tasks: Many[int], found: Packed) -> dict[int, Any]:
@@ -128,10 +128,10 @@ def compiled_steps(form: Form) -> Callable:
     """`take_steps` for packed rows: points from which to step on, and the other results."""
 
     def of_rows(
-        families: Packed, requests: Packed, points: Packed, ds: Any, most: Any, *seen: Packed
+        families: Packed, requests: Packed, points: Packed, ds: Any, most: Any, *known: Packed
     ) -> tuple[Packed, Packed]:
         own = families.unpacked(), requests.unpacked(), points, ds, most
-        found = take_steps(*own, tries=form.tries, room=form.room, seen=seen[0] if seen else None)
+        found = take_steps(*own, tries=form.tries, room=form.room, cycle=known[0] if known else None)
         return found.point, pack(found._replace(point=None), has_rows=True)
 
     of_rows.__name__ = "take_steps"
@@ -154,7 +154,7 @@ def _compiled_corrections() -> Callable:
     return jit_for_lanes(of_rows, name=(take_steps.__module__, of_rows.__name__))
 
 
-def makes_of(families: Many[ParameterFamily]) -> tuple[list[int], list[Stock]]:
+def makes_of(families: Many[ParameterFamily]) -> tuple[list[int], list[FamilyStack]]:
     """Number of the make (tree structure and shapes) of each family, and the stacked families of each make."""
     members: dict[int, dict[int, ParameterFamily]] = {}
     numbers: dict[Hashable, int] = {}
@@ -166,4 +166,4 @@ def makes_of(families: Many[ParameterFamily]) -> tuple[list[int], list[Stock]]:
             known[id(family)] = numbers.setdefault(make, len(numbers))
         makes.append(known[id(family)])
         members.setdefault(makes[-1], {})[k] = family
-    return makes, [Stock(own) for own in members.values()]
+    return makes, [FamilyStack(own) for own in members.values()]

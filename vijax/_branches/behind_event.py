@@ -21,10 +21,12 @@ def corrected_on_sequence(
     sequence: Sequence, place: ExtendedCycle, event: BranchPoint
 ) -> Requests[BranchPoint | End]:
     """The point of an event, corrected on another sequence."""
-    seen = yield from correct_with_free_parameter(sequence, place)
-    if not seen.found.is_converged:
+    cycle = yield from correct_with_free_parameter(sequence, place)
+    if not cycle.found.is_converged:
         return End(EndKind.NOT_CONVERGED)
-    return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
+    return event._replace(
+        sequence=sequence, place=trimmed(cycle.found.place, len(sequence.kind)), cycle=cycle
+    )
 
 
 def step_off(at: BranchPoint, is_ahead: bool, accepted: Accepts) -> Requests[BranchPoint | None]:
@@ -32,10 +34,10 @@ def step_off(at: BranchPoint, is_ahead: bool, accepted: Accepts) -> Requests[Bra
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in STEP_OFF:
         guess = at.place.moved(tangent, ds)
-        seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
-        new = BranchPoint.of(at.sequence, seen, at.arc + ds)
+        cycle = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
+        new = BranchPoint.of(at.sequence, cycle, at.arc + ds)
         # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
-        if seen.found.is_converged and new.place.distance(guess) < STEPS_FROM_GUESS * ds:
+        if cycle.found.is_converged and new.place.distance(guess) < STEPS_FROM_GUESS * ds:
             found = yield from accepted(new)
             if found is not None:
                 return found
@@ -45,7 +47,7 @@ def step_off(at: BranchPoint, is_ahead: bool, accepted: Accepts) -> Requests[Bra
 def with_margins(point: BranchPoint) -> Requests[BranchPoint | None]:
     """The point if all its margins are positive; else None."""
     yield from ()
-    return point if min((test.of(point.seen) for test in tests_of(point.sequence)), default=1) > 0 else None
+    return point if min((test.of(point.cycle) for test in tests_of(point.sequence)), default=1) > 0 else None
 
 
 def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:
@@ -62,10 +64,10 @@ def is_joined(event: BranchPoint, new: BranchPoint) -> Requests[bool]:
     while left > max(NO_JUMP, JUMP_NEARER * away):
         left /= 2
         guess = place._replace(z=event.place.z - left * towards.z)
-        seen = yield from corrected(new.sequence, guess, towards, guess.along(towards))
-        place = trimmed(seen.found.place, len(new.sequence.kind))
+        cycle = yield from corrected(new.sequence, guess, towards, guess.along(towards))
+        place = trimmed(cycle.found.place, len(new.sequence.kind))
         is_near = np.abs(place.z - event.place.z).max() < NEARER * left
         is_between = abs(place.p - event.place.p) <= max(abs(new.place.p - event.place.p), left)
-        if not (seen.found.is_converged and is_near and is_between):
+        if not (cycle.found.is_converged and is_near and is_between):
             return False
     return True

@@ -106,19 +106,19 @@ def _at_event(
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
 
 
-def _seen(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> CorrectedCycle:
-    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
-    return seen
+def _corrected(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> CorrectedCycle:
+    (cycle,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
+    return cycle
 
 
 def _at_grip(family: ParameterFamily, sequence: Sequence, place: ExtendedCycle) -> AtGrip | None:
     """Condition that friction just stops within an impact; None unless it does."""
-    seen = _seen(family, sequence, place)
-    left = np.abs(grips(sequence, seen))
+    cycle = _corrected(family, sequence, place)
+    left = np.abs(grips(sequence, cycle))
     others = [
-        abs(test.of(seen))
+        abs(test.of(cycle))
         for test in tests_of(sequence)
-        if kind_at(test, sequence, seen) == Kind.CROSSING_SLIDING
+        if kind_at(test, sequence, cycle) == Kind.CROSSING_SLIDING
     ]
     if np.isnan(left).all() or np.nanmin(left) > min(others, default=np.inf):
         return None
@@ -130,17 +130,17 @@ def with_bifurcation_event(
     family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
     """Cycle with the event of the bifurcation, which has a duration; its number, and whether its value has zero rate."""
-    seen, num = _seen(family, sequence, place), sequence.mode.shape[1]
-    tests = [test for test in tests_of(sequence) if public_kind(kind_at(test, sequence, seen)) == kind]
-    test = _vanishing(tests, sequence, seen)
-    k, watched = test.index, seen.watched
+    cycle, num = _corrected(family, sequence, place), sequence.mode.shape[1]
+    tests = [test for test in tests_of(sequence) if public_kind(kind_at(test, sequence, cycle)) == kind]
+    test = _vanishing(tests, sequence, cycle)
+    k, watched = test.index, cycle.watched
     if test.kind == Kind.TEAR:
         flight = int(watched.rise_flight[k])
         return *with_slip_behind(sequence, place, flight - 1, k), flight, False
     if not (test.least or test.of_flight) and (kind == Kind.CROSSING_SLIDING or sequence.kind[k] == IMPACT):
         return sequence, place, k, kind == Kind.GRAZING
     if not test.least:
-        meeting = k if test.of_flight else _later_of_meeting(BranchPoint.of(sequence, seen, 0.0), k)
+        meeting = k if test.of_flight else _later_of_meeting(BranchPoint.of(sequence, cycle, 0.0), k)
         if meeting is None:
             raise ValueError(
                 "No two events of the contact meet at this point: begin at another bifurcation of the branch."
@@ -162,15 +162,15 @@ def with_bifurcation_event(
     return sequence, place, flight, is_later
 
 
-def _vanishing(tests: Iterable[TestFunction], sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
+def _vanishing(tests: Iterable[TestFunction], sequence: Sequence, cycle: CorrectedCycle) -> TestFunction:
     """The test function that vanishes: a grazing impact is also a touch, with a gap of exactly zero, and takes precedence."""
-    light = ROUNDED * np.abs(seen.start[len(seen.start) // 2 :]).max()
+    light = ROUNDED * np.abs(cycle.start[len(cycle.start) // 2 :]).max()
     impacts = [
         test
         for test in tests
-        if test.kind == Kind.GRAZING and sequence.kind[test.index] == IMPACT and abs(test.of(seen)) < light
+        if test.kind == Kind.GRAZING and sequence.kind[test.index] == IMPACT and abs(test.of(cycle)) < light
     ]
-    return min(impacts or tests, key=lambda test: abs(test.of(seen)))
+    return min(impacts or tests, key=lambda test: abs(test.of(cycle)))
 
 
 def _later_of_meeting(event: BranchPoint, k: int) -> int | None:

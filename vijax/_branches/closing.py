@@ -50,9 +50,9 @@ def is_at_start(
         return False
     if start.place.distance(between(point, new, s / ds)) > ds:  # at the level of the step, but far from it
         return False
-    seen = yield from on_plane(point, start.place, s)
-    found = trimmed(seen.found.place, len(point.sequence.kind))
-    return bool(seen.found.is_converged and found.distance(start.place) < SAME)
+    cycle = yield from on_plane(point, start.place, s)
+    found = trimmed(cycle.found.place, len(point.sequence.kind))
+    return bool(cycle.found.is_converged and found.distance(start.place) < SAME)
 
 
 def first_repeated(walk: DirectedBranch, last: BranchPoint) -> Requests[int | None]:

@@ -42,19 +42,19 @@ class CurveState(NamedTuple):
     """Point of a curve with its defining system.
 
     Attributes:
-        seen: the point and its neighbours.
+        near: the point and its neighbours.
         defining: its defining system, padded.
         special: name of the special point, or "".
     """
 
-    seen: CurveNeighbourhood
+    near: CurveNeighbourhood
     defining: DefiningSystem
     special: str = ""
 
     @property
     def at(self) -> CurvePoint:
         """The point without its neighbours."""
-        return self.seen.at
+        return self.near.at
 
     @property
     def sequence(self) -> Sequence:
@@ -64,7 +64,7 @@ class CurveState(NamedTuple):
     def turned(self) -> "CurveState":
         """The same point with the opposite direction."""
         at = self.at._replace(tangent=-self.at.tangent, direction=-self.at.direction)
-        return self._replace(seen=self.seen._replace(at=at))
+        return self._replace(near=self.near._replace(at=at))
 
     def in_plane(self, guess: np.ndarray, weights: np.ndarray, target: float) -> CurveNeighbourhood:
         """Point of the curve in a plane, near a guess."""
@@ -100,12 +100,12 @@ def begin_curve(defining: DefiningSystem, place: ExtendedCycle) -> CurveState:
     # Random weights, so that the plane does not contain the tangent of the curve.
     weights = np.random.default_rng(0).normal(size=len(y)).astype(y.dtype)
     weights /= np.linalg.norm(weights)
-    seen = point_with_neighbours(defining, y, Plane(weights, weights @ y))
-    if not seen.at.is_found:
+    near = point_with_neighbours(defining, y, Plane(weights, weights @ y))
+    if not near.at.is_found:
         raise ValueError(
             "The curve cannot be followed from this point: take one farther from other bifurcations."
         )
-    return CurveState(seen, defining)
+    return CurveState(near, defining)
 
 
 class _CurveStep(NamedTuple):
@@ -206,7 +206,7 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
             if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -EXACT
         ]
         if not crossed:
-            return here.seen if np.any((ahead < self.box[:, 0]) | (ahead > self.box[:, 1])) else None
+            return here.near if np.any((ahead < self.box[:, 0]) | (ahead > self.box[:, 1])) else None
         share, k, bound = min(crossed)
         y, weights = here.at.y, np.zeros_like(here.at.y)
         weights[len(y) - len(here.at.own) - 2 + k] = np.sign(ahead[k] - p[k])
@@ -215,12 +215,12 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
     def _met(self, here: CurveState, new: CurveNeighbourhood) -> tuple[list[CurveState], str]:
         """Special points of a step and, unless the curve ends before, its last point; and why the curve ends."""
         found: list[CurveState] = []
-        for _, test, seen in sorted(self._special(here, new), key=lambda one: one[0]):
-            if name := special_point_name(test, seen):
-                found.append(here._replace(seen=seen, special=name))
+        for _, test, near in sorted(self._special(here, new), key=lambda one: one[0]):
+            if name := special_point_name(test, near):
+                found.append(here._replace(near=near, special=name))
                 if test.is_end:
                     return found, name
-        return [*found, here._replace(seen=new, special="")], ""
+        return [*found, here._replace(near=new, special="")], ""
 
     def _special(
         self, here: CurveState, new: CurveNeighbourhood
@@ -228,15 +228,15 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
         """Zeros of test functions on a step: distance ahead, test, and point."""
         length = float((new.at.y - here.at.y) @ here.at.tangent)
         for test in curve_tests(self.kind, here.defining, here.sequence):
-            if not test.is_met(here.seen, new):
+            if not test.is_met(here.near, new):
                 continue
-            bracket = Bracket.between(test.of(here.seen, here.seen), test.of(new, here.seen), length)
-            s, seen = length, new
-            while seen.at.is_found and (trial := next_trial(bracket)) is not None:
-                s, seen = trial, here.ahead(trial, new.at)
-                bracket = bracket.narrowed(s, test.of(seen, here.seen))
-            if seen.at.is_found:
-                yield s, test, seen
+            bracket = Bracket.between(test.of(here.near, here.near), test.of(new, here.near), length)
+            s, near = length, new
+            while near.at.is_found and (trial := next_trial(bracket)) is not None:
+                s, near = trial, here.ahead(trial, new.at)
+                bracket = bracket.narrowed(s, test.of(near, here.near))
+            if near.at.is_found:
+                yield s, test, near
 
 
 def _next_point(here: CurveState, ds: float) -> CurveNeighbourhood | None:
@@ -249,7 +249,7 @@ def _next_point(here: CurveState, ds: float) -> CurveNeighbourhood | None:
 
 def _is_followed(here: CurveState) -> bool:
     """True if the machine follows the cycle, or a run cannot decide: at an event it may follow either face."""
-    if isinstance(here.defining.condition, AtEvent) or np.abs(here.seen.faces[0].multipliers[0]) > TRUSTED:
+    if isinstance(here.defining.condition, AtEvent) or np.abs(here.near.faces[0].multipliers[0]) > TRUSTED:
         return True
     place = trimmed(here.at.place, len(here.sequence.kind))
     return bool(_answer(here, simulation_of(here.sequence, place)).is_alike)

@@ -79,18 +79,18 @@ def curve_tests(kind: str, defining: DefiningSystem, sequence: Sequence) -> list
     """All test functions on a curve of a kind."""
     found = [test for k in range(len(faces_of(defining, sequence))) for test in _of_neighbours(kind, k)]
     if kind == Kind.FOLD:
-        found.append(CurveTest("cusp", lambda seen, before: float(seen.at.direction @ before.at.direction)))
+        found.append(CurveTest("cusp", lambda near, before: float(near.at.direction @ before.at.direction)))
     if kind == Kind.NEIMARK_SACKER:
         found += [
-            CurveTest(name, lambda seen, before, to=angle: _angle_difference(to, seen, before), is_end=is_end)
+            CurveTest(name, lambda near, before, to=angle: _angle_difference(to, near, before), is_end=is_end)
             for name, (angle, is_end) in _ANGLES.items()
         ]
     return found + [
         CurveTest(
             _meeting(kind, test.kind),
-            lambda seen, _, of=test.of: of(seen.at),
+            lambda near, _, of=test.of: of(near.at),
             is_end=True,
-            name_at=lambda seen, test=test: _meeting(kind, kind_at(test, sequence, seen.at)),
+            name_at=lambda near, test=test: _meeting(kind, kind_at(test, sequence, near.at)),
         )
         for test in tests_of(sequence)
         if not _is_own(kind, defining.condition, sequence, test)
@@ -112,15 +112,15 @@ def faces_of(defining: DefiningSystem, sequence: Sequence) -> list[Change]:
 
 def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
     """Test functions of the multipliers on a face."""
-    others = lambda seen: _others(kind, seen, face)  # noqa: E731
+    others = lambda near: _others(kind, near, face)  # noqa: E731
     doubling = "1:2" if kind == Kind.PERIOD_DOUBLING else _meeting(kind, Kind.PERIOD_DOUBLING)
     found = [
-        CurveTest(doubling, lambda seen, _: of_doubling(others(seen)), face),
-        CurveTest(_meeting(kind, Kind.NEIMARK_SACKER), lambda seen, _: of_pairs(others(seen)), face),
+        CurveTest(doubling, lambda near, _: of_doubling(others(near)), face),
+        CurveTest(_meeting(kind, Kind.NEIMARK_SACKER), lambda near, _: of_pairs(others(near)), face),
     ]
     if kind in (Kind.FOLD, *_CROSSINGS):
-        return [*found, CurveTest("1:1", lambda seen, _: of_meeting(others(seen)), face)]
-    return [*found, CurveTest(_meeting(kind, Kind.FOLD), lambda seen, _: float(seen.faces[face].fold), face)]
+        return [*found, CurveTest("1:1", lambda near, _: of_meeting(others(near)), face)]
+    return [*found, CurveTest(_meeting(kind, Kind.FOLD), lambda near, _: float(near.faces[face].fold), face)]
 
 
 def _meeting(kind: str, other: str) -> str:
@@ -140,11 +140,11 @@ def _is_own(kind: str, condition: AbstractCondition, sequence: Sequence, test: T
     return any(inserted[i] and guards[i] == test.index for i in {max(k - 1, 0), k})
 
 
-def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
+def special_point_name(test: CurveTest, near: CurveNeighbourhood) -> str:
     """Name of a special point, or "" if its multipliers disagree: functions also change sign at infinity."""
-    name = test.name_at(seen) if test.name_at else test.name
+    name = test.name_at(near) if test.name_at else test.name
     kinds = name.split("+")
-    mu, _, independence = seen.faces[test.face]
+    mu, _, independence = near.faces[test.face]
     # Where a grazing impact does not act on its next return the pencil is singular: every number is a multiplier.
     if (
         Kind.GRAZING in kinds
@@ -154,25 +154,27 @@ def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
         return "resonant_grazing"
     if Kind.NEIMARK_SACKER in kinds:
         return name if num_on_circle(mu) >= 2 * kinds.count(Kind.NEIMARK_SACKER) else ""
-    near = _NEAR.get(name) or [
+    values = _NEAR.get(name) or [
         _NEAR[kind][0] for kind in kinds if kind in (Kind.FOLD, *_CROSSINGS, Kind.PERIOD_DOUBLING)
     ]
-    is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(AT_BIFURCATION)) >= near.count(a) for a in near)
+    is_there = all(
+        np.count_nonzero(np.abs(mu - a) < np.sqrt(AT_BIFURCATION)) >= values.count(a) for a in values
+    )
     return name if is_there else ""
 
 
-def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
+def _others(kind: str, near: CurveNeighbourhood, face: int) -> np.ndarray:
     """Finite multipliers on a face without those that define the curve."""
-    mu = np.asarray(seen.faces[face].multipliers)
+    mu = np.asarray(near.faces[face].multipliers)
     mu = mu[np.abs(mu) < INFINITE_MULTIPLIER]
-    theta = np.asarray(seen.at.own) if kind in _WITH_ANGLE else np.zeros(int(kind in _CROSSINGS))
+    theta = np.asarray(near.at.own) if kind in _WITH_ANGLE else np.zeros(int(kind in _CROSSINGS))
     own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == Kind.NEIMARK_SACKER else theta))
     for value in own[: len(mu)]:
         mu = np.delete(mu, np.argmin(np.abs(mu - value)))
     return mu
 
 
-def _angle_difference(angle: float, seen: CurveNeighbourhood, before: CurveNeighbourhood) -> float:
+def _angle_difference(angle: float, near: CurveNeighbourhood, before: CurveNeighbourhood) -> float:
     """Difference of the angle of the pair and another, positive where the step began."""
     side = np.sign(before.at.own[0] - angle) or 1.0
-    return float(side * (seen.at.own[0] - angle))
+    return float(side * (near.at.own[0] - angle))

@@ -65,9 +65,18 @@ def is_going_on(now: NewtonState, tolerance: Array) -> Array:
     return is_worth_a_step(now.step, now.last, now.num_steps, _MAX_STEPS, tolerance=tolerance)
 
 
-def is_converged(now: NewtonState) -> Array:
-    """True where the last step is rounding."""
-    return has_converged(now.step)
+def corrected_of(last: NewtonState, size_of_tangent: Array, multipliers: Array) -> Corrected:
+    """Result of the last step of Newton's method, of one cycle, or of many with the lanes last."""
+    return Corrected(
+        place=last.place,
+        tangent=ExtendedCycle(*(a / size_of_tangent for a in last.tangent)),
+        multipliers=multipliers,
+        speeds=last.speeds,
+        residual=last.residual,
+        first=last.first,
+        num_steps=last.num_steps,
+        is_converged=has_converged(last.step),
+    )
 
 
 def correct(
@@ -114,20 +123,10 @@ def correct(
         return here.moved(step, 1.0), newton, course
 
     nothing = _no_course(guess, sequence, has_grip=family.has_tied_friction)
-    begun = in_lanes_of(target, (guess, _nothing(guess), nothing))
+    begun = in_lanes_of(target, (guess, before_the_first_step(guess), nothing))
     _, last, course = jax.lax.while_loop(lambda now: is_going_on(now[1], family.tolerance), one, begun)
     size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))
-    corrected = Corrected(
-        place=last.place,
-        tangent=ExtendedCycle(*(a / size_of_tangent for a in last.tangent)),
-        multipliers=family.multipliers(last.pencil, sequence),
-        speeds=last.speeds,
-        residual=last.residual,
-        first=last.first,
-        num_steps=last.num_steps,
-        is_converged=is_converged(last),
-    )
-    return corrected, course
+    return corrected_of(last, size_of_tangent, family.multipliers(last.pencil, sequence)), course
 
 
 def evaluate_at(
@@ -156,13 +155,12 @@ def _at_fixed_parameter(equations: Condensed, size: int) -> Pencil:
     return Pencil(end @ basis, start[:size] @ basis)
 
 
-def _nothing(guess: ExtendedCycle) -> NewtonState:
-    z, events, p = guess
-    zero, size = jnp.zeros_like(p), len(z)
-    big, square = zero + jnp.finfo(z.dtype).max, jnp.zeros((size, size), z.dtype)
-    return NewtonState(
-        guess, Pencil(square, square), guess, jnp.zeros_like(events), zero, zero, big, big, jnp.array(0)
-    )
+def before_the_first_step(guess: ExtendedCycle) -> NewtonState:
+    """State of Newton's method at a guess, of one cycle, or of many with the lanes last."""
+    zero, size = jnp.zeros_like(guess.p), len(guess.z)
+    big, square = zero + jnp.finfo(zero.dtype).max, jnp.zeros((size, size, *zero.shape), zero.dtype)
+    pencil, none = Pencil(square, square), jnp.zeros(zero.shape, int)
+    return NewtonState(guess, pencil, guess, jnp.zeros_like(guess.flights), zero, zero, big, big, none)
 
 
 def _no_course(guess: ExtendedCycle, sequence: Sequence, *, has_grip: bool) -> LinearCourse:

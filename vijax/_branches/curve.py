@@ -144,7 +144,7 @@ def _dataset(point: Bifurcation, path: str, found: list[CurveState], ends: list[
         path: (("point",), plane[:, 1]),
         "x0": (("point", "mass"), start[:, :n]),
         "v0": (("point", "mass"), start[:, n:]),
-        "multipliers": (("point", "multiplier"), np.stack([one.seen.faces[0].multipliers for one in found])),
+        "multipliers": (("point", "multiplier"), np.stack([one.near.faces[0].multipliers for one in found])),
         "impact_speed": (("point", "event"), np.stack([one.speeds[:num_events] for one in at])),
         "residual": (("point",), np.array([one.residual for one in at])),
         "special": (("point",), np.array([one.special for one in found])),

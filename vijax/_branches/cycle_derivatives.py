@@ -4,12 +4,14 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._orbits.cycle import Unknowns, residual
 from .._orbits.sequence import Sequence
 from .kernels import CycleEquations
 from .parameter_family import ExtendedCycle, ParameterFamily
+from .requests import KernelCall, Requests, ask
 
 
 def jacobian(
@@ -50,6 +52,20 @@ def third_derivative(
 ) -> Float[Array, " equations"]:
     """Third derivative of the equations of `jacobian` along three directions at fixed parameter."""
     return _along(_along(_along(_equations_at(family, sequence, place), u), v), w)(place)
+
+
+def derivative_at(
+    kernel: Callable[..., Array], sequence: Sequence, place: ExtendedCycle, *directions: ExtendedCycle
+) -> Requests[np.ndarray]:
+    """One of these derivatives, without the rows of padding."""
+    num = len(place.z) + len(place.flights)
+    return np.asarray((yield from ask(KernelCall(kernel, sequence, (place, *directions)))))[:num]
+
+
+def square_jacobian(sequence: Sequence, place: ExtendedCycle) -> Requests[np.ndarray]:
+    """`jacobian` without padding."""
+    found = yield from derivative_at(jacobian, sequence, place)
+    return found[:, : len(found)]
 
 
 def _equations_at(

@@ -19,17 +19,17 @@ from .tolerances import CYCLES_NEAR, LIGHT_IMPACT, LOCATED, NEAR
 def grazing_of_shorter_cycle(point: BranchPoint) -> Requests[BranchPoint | None]:
     """Grazing at which a branch ends close to a point, on the sequence without the impacts that vanish; else None."""
     kind = point.sequence.kind
-    speeds = np.where(kind == IMPACT, point.seen.found.speeds[: len(kind)], np.inf)
+    speeds = np.where(kind == IMPACT, point.cycle.found.speeds[: len(kind)], np.inf)
     light = np.flatnonzero(speeds < LIGHT_IMPACT * np.max(speeds, where=np.isfinite(speeds), initial=0))
     if len(light) < 2:
         return None
     sequence, place = point.sequence, point.place
     for k in light[::-1]:
         sequence, place = without_event(sequence, place, int(k))
-    seen = yield from at_parameter(sequence, place, float(place.p))
-    if not seen.found.is_converged:
+    cycle = yield from at_parameter(sequence, place, float(place.p))
+    if not cycle.found.is_converged:
         return None
-    start = BranchPoint.of(sequence, seen, point.arc)
+    start = BranchPoint.of(sequence, cycle, point.arc)
     for stop in np.unique(point.sequence.stop[light]):
         found = yield from vanishing(start, Kind.TOUCH, int(stop))
         if found is not None and _is_near(point, found, speeds[light].max()):
@@ -44,17 +44,17 @@ def vanishing(start: BranchPoint, kind: str, stop: int) -> Requests[BranchPoint 
     """
     test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
     beside = yield from predicted_point(start, LOCATED)
-    gap = test.of(start.seen)
-    slope = (test.of(beside.seen) - gap) / LOCATED
+    gap = test.of(start.cycle)
+    slope = (test.of(beside.cycle) - gap) / LOCATED
     way = -gap / slope if slope else np.inf
     if not abs(way) < NEAR:
         return None
     if gap == 0:
-        found = start._replace(kind=kind_at(test, start.sequence, start.seen))
+        found = start._replace(kind=kind_at(test, start.sequence, start.cycle))
         return found if slope > 0 else found.turned()
     start = start if way > 0 else start.turned()
     beyond = yield from predicted_point(start, 2 * abs(way) + LOCATED)
-    if not gap * test.of(beyond.seen) < 0:
+    if not gap * test.of(beyond.cycle) < 0:
         return None
     found = yield from locate(start, beyond, test)
     if isinstance(found, End):

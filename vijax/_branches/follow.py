@@ -71,10 +71,10 @@ def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Requests[
     place = trimmed(ExtendedCycle(followed.z, followed.flights, np.asarray(p)), num_events)
     # At a fold a fixed parameter does not determine the cycle, so `correct_with_free_parameter` leaves it free.
     for request in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
-        seen = yield from request
-        away = np.abs(seen.found.place.z - place.z).max()
-        if seen.found.is_converged and away < ORBIT_NEAR and abs(seen.found.place.p - p) < ROUNDED:
-            return BranchPoint.of(sequence, seen, 0.0)
+        cycle = yield from request
+        away = np.abs(cycle.found.place.z - place.z).max()
+        if cycle.found.is_converged and away < ORBIT_NEAR and abs(cycle.found.place.p - p) < ROUNDED:
+            return BranchPoint.of(sequence, cycle, 0.0)
     return None
 
 
@@ -155,8 +155,8 @@ def _with_bounces(point: BranchPoint, followed: SimulatedMotion) -> Requests[Bra
 def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> Requests[BranchPoint | End]:
     """The start, or the point behind its event: given orbits may lie on one, where a test function is rounding and falls."""
     for test in tests_of(start.sequence):
-        if test.rate and abs(test.of(start.seen)) < EXACT and test.rate(start.seen) < -NEGLIGIBLE:
-            event = start._replace(kind=kind_at(test, start.sequence, start.seen))
+        if test.rate and abs(test.of(start.cycle)) < EXACT and test.rate(start.cycle) < -NEGLIGIBLE:
+            event = start._replace(kind=kind_at(test, start.sequence, start.cycle))
             return (yield from _continue_behind_event(walk, test, event))
     return start
 
@@ -307,16 +307,16 @@ def _end_at_bound(
     at = yield from _at_bound(point, guess._replace(p=p), is_event=is_event)
     if at is None:
         return End(EndKind.NOT_CONVERGED)
-    exact = at.seen.found.place._replace(p=p)
-    seen = at.seen._replace(found=at.seen.found._replace(place=exact))
-    return End(EndKind.BOUNDS, BranchPoint.of(at.sequence, seen, new.arc))
+    exact = at.cycle.found.place._replace(p=p)
+    cycle = at.cycle._replace(found=at.cycle.found._replace(place=exact))
+    return End(EndKind.BOUNDS, BranchPoint.of(at.sequence, cycle, new.arc))
 
 
 def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> Requests[BranchPoint | None]:
     """The cycle at a bound, from the motion of the machine where events vanish there; None if there is none."""
     p = float(guess.p)
     if not is_event:
-        seen = yield from at_parameter(point.sequence, guess, p)
-        if seen.found.is_converged:
-            return BranchPoint.of(point.sequence, seen, point.arc)
+        cycle = yield from at_parameter(point.sequence, guess, p)
+        if cycle.found.is_converged:
+            return BranchPoint.of(point.sequence, cycle, point.arc)
     return (yield from cycle_of_simulation(point, guess))

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
-from .batches import Stock
+from .batches import FamilyStack
 from .kernels import SimulatedMotion
 from .motions import motions
 from .padding import padded_for_run
@@ -28,7 +28,7 @@ class _End(NamedTuple):
 
 
 def followed(
-    stock: Stock,
+    stack: FamilyStack,
     tasks: Many[int],
     requests: Packed,
     before: Packed,
@@ -39,7 +39,7 @@ def followed(
     """Results of `take_steps` with `motion` as a list, and the points from which to step on.
 
     Args:
-        stock: families of the branches.
+        stack: families of the branches.
         tasks: of the rows.
         requests: for steps.
         before: points where they began.
@@ -47,7 +47,7 @@ def followed(
         points: where these end.
         room: padded number of events of the cycles.
     """
-    ends = [_end_of(stock, task, requests.at(k), stepped, k, room) for k, task in enumerate(tasks)]
+    ends = [_end_of(stack, task, requests.at(k), stepped, k, room) for k, task in enumerate(tasks)]
     cut = [k for k, end in enumerate(ends) if end.is_cut]
     stepped = stepped._replace(motion=[end.motion for end in ends], runs=None)  # pyright: ignore[reportArgumentType]
     if cut:
@@ -64,18 +64,18 @@ def followed(
     return stepped, points
 
 
-def _end_of(stock: Stock, task: int, request: Packed, stepped: Stepped, k: int, room: int) -> _End:
+def _end_of(stack: FamilyStack, task: int, request: Packed, stepped: Stepped, k: int, room: int) -> _End:
     last, is_taken = int(stepped.last[k]), stepped.is_taken[k]
     tries = np.flatnonzero(is_taken | (np.arange(len(is_taken)) == last) & stepped.has_motion[k])
     if not tries.size:
         return _End(last, None, is_cut=False)
     sequence: Sequence = request.unpacked().sequence
     assert stepped.runs is not None
-    seen, runs = (own.at((k, tries)).unpacked() for own in (stepped.tries, stepped.runs))
-    sequence, places = padded_for_run(sequence, (seen.found.place,), room)
-    found = motions(stock, task, sequence, places, runs)
+    cycle, runs = (own.at((k, tries)).unpacked() for own in (stepped.tries, stepped.runs))
+    sequence, places = padded_for_run(sequence, (cycle.found.place,), room)
+    found = motions(stack, task, sequence, places, runs)
     for row, j in enumerate(tries.tolist()):
         at = lambda tree, row=row: jax.tree.map(lambda a: a[row], tree)  # noqa: E731
-        if is_taken[j] and not is_followed_or_unstable(sequence, at(seen), at(found)):
+        if is_taken[j] and not is_followed_or_unstable(sequence, at(cycle), at(found)):
             return _End(j, at(found), is_cut=True)
     return _End(last, at(found) if tries[-1] == last else None, is_cut=False)

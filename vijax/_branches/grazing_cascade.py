@@ -66,10 +66,10 @@ def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Requests[B
         if RELEASE not in sequence.kind:
             return None
         place = place._replace(flights=followed.flights[: len(sequence.kind)])
-        seen = yield from at_parameter(sequence, place, p)
-        if not seen.found.is_converged:
+        cycle = yield from at_parameter(sequence, place, p)
+        if not cycle.found.is_converged:
             return None
-        found = BranchPoint.of(sequence, seen, last.arc)
+        found = BranchPoint.of(sequence, cycle, last.arc)
         if (yield from is_followed(found)):
             return found
         place = found.place

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .closing import repetitions_of
+from .padding import trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, correct_with_free_parameter, first_followed
 from .requests import Requests
@@ -56,8 +57,7 @@ def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int)
     sequence, place = exchanged(sequence, place, [((k, k + 1), time, without)])
     rounds = yield from repetitions_of(sequence, place, num_periods)
     num = len(sequence.kind) // rounds
-    sequence = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
-    place, num_periods = place._replace(flights=place.flights[:num]), num_periods // rounds
+    sequence, place, num_periods = trimmed(sequence, num), trimmed(place, num), num_periods // rounds
     time %= num_periods
     flight = k % num if without else int(np.count_nonzero(np.cumsum(place.flights) < time))
     return Touch(sequence, place, num_periods, flight, time, impact, without)
@@ -85,11 +85,11 @@ def leave(
     sequence: Sequence, place: ExtendedCycle, hits: list[int], lengths: tuple[float, ...]
 ) -> Requests[BranchPoint | None]:
     """The point of a family at the first of some distances at which the machine follows it; None if at none."""
-    seen = yield from correct_with_free_parameter(sequence, place)
-    if not seen.found.is_converged:
+    cycle = yield from correct_with_free_parameter(sequence, place)
+    if not cycle.found.is_converged:
         return None
-    at = BranchPoint.of(sequence, seen, 0.0)
-    is_ahead = seen.rates.speeds[hits] > 0
+    at = BranchPoint.of(sequence, cycle, 0.0)
+    is_ahead = cycle.rates.speeds[hits] > 0
     if is_ahead.any() != is_ahead.all():
         return None
     tangent = at.tangent if is_ahead.all() else at.tangent.turned()

@@ -17,10 +17,10 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .branch import Bifurcation
-from .cycle_derivatives import curvature, jacobian, slope
+from .cycle_derivatives import curvature, derivative_at, slope, square_jacobian
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, ParameterFamily
-from .requests import KernelCall, Requests, ask
+from .requests import Requests
 from .scheduler import drive
 from .tolerances import NEGLIGIBLE
 from .touch import touching_impact
@@ -68,11 +68,11 @@ def _grazing_form(
 ) -> Requests[GrazingForm]:
     """The normal form of a cycle whose event `k` is the impact that grazes."""
     size, num = len(place.z), len(place.z) + len(place.flights)
-    matrix = np.asarray((yield from ask(KernelCall(jacobian, sequence, (place,)))))[:num, :num]
+    matrix = yield from square_jacobian(sequence, place)
     along_p = ExtendedCycle(0 * place.z, 0 * place.flights, np.ones(()))
-    by_p = np.asarray((yield from ask(KernelCall(slope, sequence, (place, along_p)))))[:num]
+    by_p = yield from derivative_at(slope, sequence, place, along_p)
     moved = ExtendedCycle(0 * place.z, np.eye(num - size)[k], np.zeros(()))
-    bent = np.asarray((yield from ask(KernelCall(curvature, sequence, (place, moved, moved)))))[:num]
+    bent = yield from derivative_at(curvature, sequence, place, moved, moved)
     others = np.delete(np.arange(size, num), k)
     guards = matrix[np.ix_(others, others)]
     speeds = np.abs(np.diag(guards))

@@ -261,12 +261,12 @@ class RunRequest(NamedTuple):
     times: Float[Array, "2"]
 
 
-def run_of(family: ParameterFamily, seen: CorrectedCycle) -> RunRequest:
+def run_of(family: ParameterFamily, cycle: CorrectedCycle) -> RunRequest:
     """The run from a corrected cycle, with the numbers of `begin_motion`."""
-    known = jnp.sum(seen.found.place.flights)
+    known = jnp.sum(cycle.found.place.flights)
     length = jnp.asarray(family.num_periods)
     length = jnp.where(known > 0, known, length) if family.is_autonomous else length
-    return _asked(family, seen.found.place.p, Begun(seen.start, length))
+    return _asked(family, cycle.found.place.p, Begun(cycle.start, length))
 
 
 def run_from(

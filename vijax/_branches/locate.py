@@ -37,15 +37,15 @@ def first_event(
     first, before = None, new
     # Where an impact loses its speed a least gap vanishes as well, over a whole interval: the impact is the event. So it is
     # where the impact ends a slip whose speed it has.
-    order = lambda test: (is_between_events(test), _share(test.of(point.seen), test.of(new.seen)))  # noqa: E731
+    order = lambda test: (is_between_events(test), _share(test.of(point.cycle), test.of(new.cycle)))  # noqa: E731
     for test in sorted(met, key=order):
-        if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
+        if test.of(before.cycle) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
             if isinstance(event, End):
                 return event
             # The functions of other events may jump behind the first.
             least = 0.0 if is_between_events(test) else HALF_DIGITS
-            if len(met) > 1 and not abs(test.of(event.seen)) < max(NEGLIGIBLE * test.of(point.seen), least):
+            if len(met) > 1 and not abs(test.of(event.cycle)) < max(NEGLIGIBLE * test.of(point.cycle), least):
                 return End(EndKind.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
@@ -53,7 +53,7 @@ def first_event(
 
 def is_passed(test: TestFunction, point: BranchPoint) -> bool:
     """True if the guard of a test function has vanished before a point, by more than rounding."""
-    return is_between_events(test) and bool(test.of(point.seen) < -HALF_DIGITS)
+    return is_between_events(test) and bool(test.of(point.cycle) < -HALF_DIGITS)
 
 
 def _share(before: float, after: float) -> float:
@@ -64,41 +64,41 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Requests
     """The point between two others at which a test function vanishes."""
     length, at = new.arc - point.arc, partial(_point_at, point, new, test)
     if test.rate is not None:
-        ends = [(s, test.of(end.seen), _slope(test, point, end)) for s, end in ((0.0, point), (length, new))]
+        ends = [(s, test.of(end.cycle), _slope(test, point, end)) for s, end in ((0.0, point), (length, new))]
         if ends[1][1] == 0:
-            return new._replace(kind=kind_at(test, new.sequence, new.seen))
+            return new._replace(kind=kind_at(test, new.sequence, new.cycle))
         if ends[0][1] > 0:
             sloped, best = SlopedBracket.between(*ends), new
             while (s := sloped.next) is not None:
                 best = yield from at(s)
                 if isinstance(best, End):
                     return best
-                sloped = sloped.narrowed(test.of(best.seen), _slope(test, point, best))
+                sloped = sloped.narrowed(test.of(best.cycle), _slope(test, point, best))
             if not sloped.is_flat:
-                return best._replace(kind=kind_at(test, best.sequence, best.seen))
-    bracket = Bracket.between(test.of(point.seen), test.of(new.seen), length)
+                return best._replace(kind=kind_at(test, best.sequence, best.cycle))
+    bracket = Bracket.between(test.of(point.cycle), test.of(new.cycle), length)
     best = new
     while (s := next_trial(bracket)) is not None:
         best = yield from at(s)
         if isinstance(best, End):
             return best
-        bracket = bracket.narrowed(s, test.of(best.seen))
-    return best._replace(kind=kind_at(test, best.sequence, best.seen))
+        bracket = bracket.narrowed(s, test.of(best.cycle))
+    return best._replace(kind=kind_at(test, best.sequence, best.cycle))
 
 
 def _point_at(
     point: BranchPoint, new: BranchPoint, test: TestFunction, s: float
 ) -> Requests[BranchPoint | End]:
     """The point between two others in the plane at a distance from the first."""
-    seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
-    if not seen.found.is_converged:
+    cycle = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
+    if not cycle.found.is_converged:
         return End(EndKind.NOT_CONVERGED)
-    return BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
+    return BranchPoint.of(point.sequence, cycle, point.arc + s, kind=test.kind)
 
 
 def _slope(test: TestFunction, point: BranchPoint, at: BranchPoint) -> float:
     """Rate of a test function by the distance from the plane of a point."""
-    return test.rate(at.seen) / at.tangent.along(point.tangent) if test.rate else np.nan
+    return test.rate(at.cycle) / at.tangent.along(point.tangent) if test.rate else np.nan
 
 
 def _just_before(point: BranchPoint, event: BranchPoint) -> Requests[BranchPoint]:
@@ -106,8 +106,8 @@ def _just_before(point: BranchPoint, event: BranchPoint) -> Requests[BranchPoint
     s = event.arc - point.arc - JUST_BEFORE
     if s <= JUST_BEFORE:
         return point
-    seen = yield from on_plane(point, event.place, s)
-    return BranchPoint.of(point.sequence, seen, point.arc + s)
+    cycle = yield from on_plane(point, event.place, s)
+    return BranchPoint.of(point.sequence, cycle, point.arc + s)
 
 
 def special_points(
@@ -115,8 +115,8 @@ def special_points(
 ) -> Requests[tuple[list[BranchPoint], bool] | End]:
     """Bifurcations on a step, in order, and whether the number of unstable multipliers implies no more of them."""
     found, change = [], 0
-    is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
-    crossed = is_crossed(point.seen.neighbours, new.seen.neighbours)
+    is_infinite = _passes_infinity(*(complex(at.cycle.found.multipliers[0]) for at in (point, new)))
+    crossed = is_crossed(point.cycle.neighbours, new.cycle.neighbours)
     for test in compress(TESTS_OF_NEIGHBOURS, crossed):
         if test.kind in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT) and is_infinite:
             continue
@@ -125,7 +125,7 @@ def special_points(
         at = yield from (branch_point if test.kind == Kind.BRANCH_POINT else locate)(point, new, test)
         if isinstance(at, End):
             return at
-        if not _is_there(test, at.seen):
+        if not _is_there(test, at.cycle):
             continue
         if test.kind in (Kind.FOLD, Kind.BRANCH_POINT):
             at = yield from _named(walk, point, at)
@@ -134,7 +134,7 @@ def special_points(
         if not is_listed(walk, at):
             change += _change_of_stability(test.kind, at.kind)
             found.append(at)
-    is_whole = (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2 == 0
+    is_whole = (num_unstable(new.cycle) - num_unstable(point.cycle) - change) % 2 == 0
     return sorted(found, key=lambda at: at.arc), bool(is_whole) and not _is_hidden(point, found)
 
 
@@ -164,7 +164,7 @@ def _is_hidden(point: BranchPoint, found: list[BranchPoint]) -> bool:
         return False
     kinds = {Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER} - {at.kind for at in found}
     tests = [test for test in TESTS_OF_NEIGHBOURS if test.kind in kinds]
-    return any(is_crossed(test.of(point.seen), test.of(end.seen)) for test in tests)
+    return any(is_crossed(test.of(point.cycle), test.of(end.cycle)) for test in tests)
 
 
 def _passes_infinity(before: complex, after: complex) -> bool:
@@ -173,9 +173,9 @@ def _passes_infinity(before: complex, after: complex) -> bool:
     return bool(is_large and np.sign(before.real) != np.sign(after.real))
 
 
-def _is_there(test: TestFunction, seen: CorrectedCycle) -> bool:
+def _is_there(test: TestFunction, cycle: CorrectedCycle) -> bool:
     """True if multipliers confirm a zero: a test function changes sign also where a multiplier is infinite."""
-    mu = seen.found.multipliers
+    mu = cycle.found.multipliers
     if test.kind == Kind.NEIMARK_SACKER:
         return num_on_circle(mu) > 0
     wanted: dict[str, int] = {Kind.PERIOD_DOUBLING: -1, Kind.BRANCH_POINT: 1}

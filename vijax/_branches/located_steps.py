@@ -34,7 +34,7 @@ def _hides_stop(event: tuple[TestFunction, BranchPoint] | None) -> bool:
     if event is None:
         return False
     test, at = event
-    sequence, grip, k = at.sequence, at.seen.watched.grip, test.index
+    sequence, grip, k = at.sequence, at.cycle.watched.grip, test.index
     if grip is None or not (test.of_flight and begins_with_contact(sequence, k)):
         return False
     return bool(grip[k - 1, sequence.stop[k]] > NEGLIGIBLE)
@@ -42,7 +42,7 @@ def _hides_stop(event: tuple[TestFunction, BranchPoint] | None) -> bool:
 
 def is_at_corner(point: BranchPoint) -> bool:
     """True if friction just stops within an impact: the branch turns back so sharply that no step leads there."""
-    left = np.abs(grips(point.sequence, point.seen))
+    left = np.abs(grips(point.sequence, point.cycle))
     return bool(np.nanmin(left, initial=np.inf) < NEGLIGIBLE)
 
 
@@ -80,11 +80,11 @@ def located_step(
     if tried is None:
         return None
     new = tried.point
-    crossed = crossings(tests_of(point.sequence), point.seen, new.seen)
+    crossed = crossings(tests_of(point.sequence), point.cycle, new.cycle)
     met = without_echoes(point.sequence, crossed)
-    met += stops_in_impacts(point.sequence, point.seen, new.seen)
+    met += stops_in_impacts(point.sequence, point.cycle, new.cycle)
     if any(
-        test.kind == Kind.CHATTER_COMPLETION and not is_plastic(point.sequence, point.seen, test)
+        test.kind == Kind.CHATTER_COMPLETION and not is_plastic(point.sequence, point.cycle, test)
         for test in met
     ):
         return None  # ever more bounces accumulate on the step
@@ -112,8 +112,10 @@ def step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step | 
     """A step to where friction stops within an impact, where the branch bends so that no step passes; None if there is none."""
     for ds in TRIALS_AHEAD if is_at_corner(point) else ():
         new = yield from predicted_point(point, ds)
-        stops = stops_in_impacts(point.sequence, point.seen, new.seen) if new.seen.found.is_converged else []
-        if not stops or crossings(tests_of(point.sequence), point.seen, new.seen):
+        stops = (
+            stops_in_impacts(point.sequence, point.cycle, new.cycle) if new.cycle.found.is_converged else []
+        )
+        if not stops or crossings(tests_of(point.sequence), point.cycle, new.cycle):
             continue
         first = yield from first_event(point, new, stops)
         if isinstance(first, End):
@@ -139,5 +141,5 @@ def _confirmed(
     point = within
     if followed is None:
         followed = yield from ask(simulation_of(point.sequence, point.place))
-    is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
+    is_trusted = np.abs(point.cycle.found.multipliers[0]) < TRUSTED
     return Confirmed(point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed)

@@ -117,12 +117,12 @@ def _is_met(chance: _Chance, family: ParameterFamily) -> Requests[bool]:
     p, span = chance.value / float(family.span), float(family.span)
     at = [Bifurcation(chance.branch, end % len(chance.branch)) for end in (chance.k, chance.k + 1)]
     ends = [cycle_of(point, family.scale, point.value / span) for point in at]
-    seen = yield from _between(ends, p)
-    if seen is not None and (yield from _is_same(chance, family, ends[0][0], seen)):
+    cycle = yield from _between(ends, p)
+    if cycle is not None and (yield from _is_same(chance, family, ends[0][0], cycle)):
         return True
     for sequence, place in ends:
-        seen = yield from at_parameter(sequence, place, p)
-        if seen.found.is_converged and (yield from _is_same(chance, family, sequence, seen)):
+        cycle = yield from at_parameter(sequence, place, p)
+        if cycle.found.is_converged and (yield from _is_same(chance, family, sequence, cycle)):
             return True
     return False
 
@@ -140,24 +140,24 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Requests[C
     if length == 0:
         return None
     way = ExtendedCycle(*(np.asarray(a / length) for a in chord))
-    bracket, seen = Bracket.between(float(first.p) - p, float(last.p) - p, length), None
+    bracket, cycle = Bracket.between(float(first.p) - p, float(last.p) - p, length), None
     while (s := next_trial(bracket)) is not None and bracket.trials < _TRIALS:
         guess = first.moved(way, s)
-        seen = yield from corrected(sequence, guess, way, first.along(way) + s)
-        if not seen.found.is_converged:
+        cycle = yield from corrected(sequence, guess, way, first.along(way) + s)
+        if not cycle.found.is_converged:
             return None
-        bracket = bracket.narrowed(s, float(seen.found.place.p) - p)
-    return seen
+        bracket = bracket.narrowed(s, float(cycle.found.place.p) - p)
+    return cycle
 
 
 def _is_same(
-    chance: _Chance, family: ParameterFamily, sequence: Sequence, seen: CorrectedCycle
+    chance: _Chance, family: ParameterFamily, sequence: Sequence, cycle: CorrectedCycle
 ) -> Requests[bool]:
     """True if a cycle is the orbit; False for one that has no state at its start, as its events are out of order."""
-    point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
+    point = yield from in_section(BranchPoint.of(sequence, cycle, 0.0), family.last_phase)
     if isinstance(point, End):
         return False
-    away = np.abs(chance.states - point.seen.start).max(axis=1).min()
+    away = np.abs(chance.states - point.cycle.start).max(axis=1).min()
     return bool(away < NEGLIGIBLE * np.abs(chance.states).max())
 
 

@@ -164,7 +164,7 @@ class WatchedWalk:
         system = machine_at(own, family.path, point.place.p * family.span)
         if family.is_autonomous:
             system = with_unit(system, float(np.sum(point.place.flights) * system.forcing.period))
-        cycle = int(family.num_periods), 2 * np.pi * float(family.phase), np.asarray(point.seen.start)
+        cycle = int(family.num_periods), 2 * np.pi * float(family.phase), np.asarray(point.cycle.start)
         return run_of_cycle(system, *cycle, self.flow, room_for(len(point.sequence.kind)))
 
     def _zeros(self, before: BranchPoint, after: BranchPoint, values: dict[str, float]) -> list[BranchPoint]:

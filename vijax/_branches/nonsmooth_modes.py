@@ -165,15 +165,15 @@ def _beyond(
         return None, "not_converged"
     walk = DirectedBranch(family.last_phase, (-1.0, 1.0), most)
     start = start if _leaves_touch(start) else start.turned()
-    seen = 0
+    num_drawn = 0
 
     def tell() -> None:
-        nonlocal seen
-        for point in walk.points[seen:]:
+        nonlocal num_drawn
+        for point in walk.points[num_drawn:]:
             if walk.last is None and _energy_of(system, point) > highest:
                 walk.last = point.arc
-        bar.update(len(walk.points) - seen)
-        seen = len(walk.points)
+        bar.update(len(walk.points) - num_drawn)
+        num_drawn = len(walk.points)
 
     drive([family], [follow_branch(walk, start)], tell)
     end = "energy" if walk.last is not None else str(walk.end)
@@ -289,9 +289,9 @@ def _first_beyond(
         # The velocity after the event is kept: the family goes on behind the touch to orbits that no machine follows.
         velocity = np.where(np.arange(len(place.z)) < len(fast), 0, place.z)
         weights = ExtendedCycle(velocity / np.linalg.norm(velocity), 0 * place.flights, np.asarray(0.0))
-        seen = yield from corrected(sequence, place, weights, place.along(weights))
-        point = BranchPoint.of(sequence, seen, 0.0)
-        is_family = seen.found.is_converged and abs(float(seen.found.place.p)) < ROUNDED
+        cycle = yield from corrected(sequence, place, weights, place.along(weights))
+        point = BranchPoint.of(sequence, cycle, 0.0)
+        is_family = cycle.found.is_converged and abs(float(cycle.found.place.p)) < ROUNDED
         if is_family and (yield from is_followed(point)):
             return point
     return None
@@ -354,11 +354,11 @@ def _as_reversible(system: ImpactSystem, z: np.ndarray, stop: int) -> np.ndarray
 def _energy_of(system: ImpactSystem, point: BranchPoint | PlainPoint) -> float:
     """Energy of a point of a family."""
     own: Any = point.alone() if isinstance(point, PlainPoint) else point
-    return energy_of(system, np.asarray(own.seen.start))
+    return energy_of(system, np.asarray(own.cycle.start))
 
 
 def _leaves_touch(point: BranchPoint) -> bool:
     """True if the speed at which the machine meets the stop grows along the tangent."""
-    speeds = point.seen.found.speeds
+    speeds = point.cycle.found.speeds
     k = int(np.argmax(np.abs(speeds)))
-    return bool(point.seen.rates.speeds[k] * speeds[k] > 0)
+    return bool(point.cycle.rates.speeds[k] * speeds[k] > 0)

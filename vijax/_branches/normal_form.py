@@ -33,14 +33,14 @@ from .._jax.arrays import refuse_single_precision
 from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at
 from .branch import Bifurcation
-from .cycle_derivatives import curvature, jacobian, slope, third_derivative
+from .cycle_derivatives import curvature, derivative_at, slope, square_jacobian, third_derivative
 from .grazing_form import GrazingForm, grazing_form_of
 from .kinds import Kind
 from .padding import trimmed
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .pitchfork import crossing_direction
 from .point import correct_with_free_parameter
-from .requests import KernelCall, Requests, ask
+from .requests import Requests
 from .scheduler import drive
 
 _MULTIPLIERS: dict[str, complex] = {Kind.FOLD: 1, Kind.PITCHFORK: 1, Kind.PERIOD_DOUBLING: -1}
@@ -160,13 +160,12 @@ class _ReturnMap(NamedTuple):
     def _ask(self, kernel: Callable, *directions: np.ndarray) -> Requests[np.ndarray]:
         size, num = len(self.place.z), len(self.place.z) + len(self.place.flights)
         given = [ExtendedCycle(d[:size], d[size:num], np.asarray(np.append(d, 0.0)[num])) for d in directions]
-        found = yield from ask(KernelCall(kernel, self.sequence, (self.place, *given)))
-        return np.asarray(found)[:num]
+        return (yield from derivative_at(kernel, self.sequence, self.place, *given))
 
 
 def _return_map(sequence: Sequence, place: ExtendedCycle) -> Requests[_ReturnMap]:
     size, num = len(place.z), len(place.z) + len(place.flights)
-    matrix = np.asarray((yield from ask(KernelCall(jacobian, sequence, (place,)))))[:num, :num]
+    matrix = yield from square_jacobian(sequence, place)
     solve = -np.linalg.inv(matrix[size:, size:])
     lift = np.vstack([np.eye(size), solve @ matrix[size:, :size]])
     return _ReturnMap(sequence, place, matrix[:size] + np.eye(size, num), lift, solve)

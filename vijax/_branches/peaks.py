@@ -57,10 +57,8 @@ def _peak_between(
     """The peak of a quantity between two points whose extremes are known, marked; None if there is none."""
     scale = float(family.scale[wanted.coordinate])
     first, last = (wanted.of(one.slope) / scale for one in known)
-    is_flat = max(abs(first), abs(last)) < SAME
-    if not np.isfinite(first + last) or (first > 0) == (last > 0) or is_flat:
-        return None
-    if not (before.is_admissible and after.is_admissible):
+    is_flat, are_followed = max(abs(first), abs(last)) < SAME, before.is_admissible and after.is_admissible
+    if not (are_followed and np.isfinite(first + last)) or (first > 0) == (last > 0) or is_flat:
         return None
 
     def slope_at(point: BranchPoint) -> Requests[float]:

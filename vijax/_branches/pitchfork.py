@@ -12,11 +12,11 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .._system.parameters import known_machine_at
 from .closing import repetitions_of
-from .cycle_derivatives import curvature, jacobian, slope
+from .cycle_derivatives import curvature, derivative_at, slope, square_jacobian
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .point import BranchPoint, DirectedBranch
-from .requests import HostCall, KernelCall, Requests, ask
+from .requests import HostCall, Requests, ask
 from .singular import branch_point_near
 from .tolerances import AT_BIFURCATION, LOCATED, NEGLIGIBLE, SAME_ROUNDS
 
@@ -53,8 +53,7 @@ def with_kind_of_crossing(walk: DirectedBranch, point: BranchPoint) -> Requests[
     rounds = yield from repetitions_of(point.sequence, point.place, walk.num_periods)
     if not _repeats(phi, rounds):
         return point  # a period doubling of the cycle that this one repeats
-    second = yield from ask(KernelCall(curvature, point.sequence, (point.place, phi, phi)))
-    second = second[: len(psi)]
+    second = yield from derivative_at(curvature, point.sequence, point.place, phi, phi)
     is_zero = abs(psi @ second) <= NEGLIGIBLE * np.linalg.norm(second)
     return point._replace(kind=Kind.PITCHFORK) if is_zero else point
 
@@ -77,11 +76,8 @@ def null_vectors(sequence: Sequence, place: ExtendedCycle) -> Requests[tuple[Ext
 
     The sign of the direction follows from its entries: that of a decomposition is rounding.
     """
-    matrix = yield from ask(KernelCall(jacobian, sequence, (place,)))
-    size, num_events = len(place.z), len(place.flights)
-    kept = np.r_[: size + num_events]
-    left, _, right = np.linalg.svd(matrix[np.ix_(kept, kept)])
-    direction = right[-1] * np.sign(leading_entry(right[-1]))
+    left, _, right = np.linalg.svd((yield from square_jacobian(sequence, place)))
+    size, direction = len(place.z), right[-1] * np.sign(leading_entry(right[-1]))
     return ExtendedCycle(direction[:size], direction[size:], np.zeros(())), left[:, -1]
 
 
@@ -93,13 +89,10 @@ def leading_entry(vector: np.ndarray) -> float:
 
 def crossing_direction(sequence: Sequence, place: ExtendedCycle) -> Requests[ExtendedCycle]:
     """Direction of the branch that crosses one along the null vector at fixed parameter, towards larger values of it."""
-    matrix = yield from ask(KernelCall(jacobian, sequence, (place,)))
-    size, num_events = len(place.z), len(place.flights)
-    along_p = ExtendedCycle(0 * place.z, 0 * place.flights, np.ones(()))
-    by_parameter = yield from ask(KernelCall(slope, sequence, (place, along_p)))
-    kept = np.r_[: size + num_events]
-    whole = np.column_stack([matrix[np.ix_(kept, kept)], by_parameter[kept]])
-    both = np.linalg.svd(whole)[2][-2:]
+    size, along_p = len(place.z), ExtendedCycle(0 * place.z, 0 * place.flights, np.ones(()))
+    matrix = yield from square_jacobian(sequence, place)
+    by_parameter = yield from derivative_at(slope, sequence, place, along_p)
+    both = np.linalg.svd(np.column_stack([matrix, by_parameter]))[2][-2:]
     # Of the plane of both the direction across that of fixed parameter has the largest change of it.
     across = both[:, -1] @ both / np.linalg.norm(both[:, -1])
     return ExtendedCycle(across[:size], across[size:-1], across[-1])

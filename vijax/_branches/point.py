@@ -41,7 +41,7 @@ class BranchPoint(NamedTuple):
     Attributes:
         sequence: events of the cycle.
         place: the cycle and its parameter.
-        seen: the corrected cycle with its margins, padded.
+        cycle: the corrected cycle with its margins, padded.
         kind: kind of the bifurcation, or "".
         arc: arclength from the start of the branch.
         is_admissible: True if the machine follows the cycle.
@@ -50,31 +50,31 @@ class BranchPoint(NamedTuple):
 
     sequence: Sequence
     place: ExtendedCycle
-    seen: CorrectedCycle
+    cycle: CorrectedCycle
     kind: str
     arc: float
     is_admissible: bool
     peak: PeakMark | None = None
 
     @classmethod
-    def of(cls, sequence: Sequence, seen: CorrectedCycle, arc: float, *, kind: str = "") -> "BranchPoint":
+    def of(cls, sequence: Sequence, cycle: CorrectedCycle, arc: float, *, kind: str = "") -> "BranchPoint":
         """The point of a corrected cycle."""
         return cls(
-            sequence, trimmed(seen.found.place, len(sequence.kind)), seen, kind, arc, is_admissible=True
+            sequence, trimmed(cycle.found.place, len(sequence.kind)), cycle, kind, arc, is_admissible=True
         )
 
     @property
     def tangent(self) -> ExtendedCycle:
         """Tangent of the branch."""
-        return trimmed(self.seen.found.tangent, len(self.sequence.kind))
+        return trimmed(self.cycle.found.tangent, len(self.sequence.kind))
 
     def turned(self) -> "BranchPoint":
         """The point with the opposite tangent."""
-        found, rates = self.seen.found, type(self.seen.rates)(*(-rate for rate in self.seen.rates))
+        found, rates = self.cycle.found, type(self.cycle.rates)(*(-rate for rate in self.cycle.rates))
         found = found._replace(tangent=found.tangent.turned())
-        neighbours, past = of_neighbours(found), np.full_like(self.seen.past, np.nan)
-        seen = self.seen._replace(found=found, rates=rates, neighbours=neighbours, past=past)
-        return self._replace(seen=seen)
+        neighbours, past = of_neighbours(found), np.full_like(self.cycle.past, np.nan)
+        cycle = self.cycle._replace(found=found, rates=rates, neighbours=neighbours, past=past)
+        return self._replace(cycle=cycle)
 
 
 class PlainPoint(NamedTuple):
@@ -115,7 +115,7 @@ def stacked_cycles(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
     """Corrected cycles of points, stacked, (points, ...); events are padded to the largest room of any point."""
     groups: dict[int, list[int]] = {}
     for k, point in enumerate(points):
-        make = id(point.rows.layout) if isinstance(point, PlainPoint) else len(point.seen.found.speeds)
+        make = id(point.rows.layout) if isinstance(point, PlainPoint) else len(point.cycle.found.speeds)
         groups.setdefault(make, []).append(k)
     parts = [_stacked([points[k] for k in own]) for own in groups.values()]
 
@@ -131,7 +131,7 @@ def stacked_cycles(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
 def _stacked(points: list) -> CorrectedCycle:
     """`stacked_cycles` for points of one class and room."""
     if not isinstance(points[0], PlainPoint):
-        return jax.tree.map(lambda *a: np.stack(a), *(point.seen for point in points))
+        return jax.tree.map(lambda *a: np.stack(a), *(point.cycle for point in points))
     rows = [point.rows.at(point.row) for point in points]
     reals, wholes = (np.stack(own) for own in zip(*((row.reals, row.wholes) for row in rows), strict=True))
     return Packed(reals, wholes, points[0].rows.layout).unpacked()
@@ -227,8 +227,8 @@ def between(point: BranchPoint, new: BranchPoint, share: float) -> ExtendedCycle
 
 def predicted_point(point: BranchPoint, ds: float) -> Requests[BranchPoint]:
     """Predict and correct the point a length `ds` along the branch; it may not have converged."""
-    seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
-    return BranchPoint.of(point.sequence, seen, point.arc + ds)
+    cycle = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
+    return BranchPoint.of(point.sequence, cycle, point.arc + ds)
 
 
 def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> Requests[CorrectedCycle]:
@@ -241,8 +241,8 @@ def corrected(
     sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: float
 ) -> Requests[CorrectedCycle]:
     """Correct a cycle with `weights . place = target`."""
-    seen = yield from ask(KernelCall(corrected_cycle, sequence, (guess, weights, np.asarray(target))))
-    return seen
+    cycle = yield from ask(KernelCall(corrected_cycle, sequence, (guess, weights, np.asarray(target))))
+    return cycle
 
 
 def correct_with_free_parameter(sequence: Sequence, place: ExtendedCycle) -> Requests[CorrectedCycle]:
@@ -258,9 +258,9 @@ def first_followed(
 ) -> Requests[BranchPoint | None]:
     """The cycle at the first of several distances in a direction at which the machine follows it; None if at none."""
     for ds in lengths:
-        seen = yield from corrected(sequence, place.moved(along, ds), along, place.along(along) + ds)
-        other = BranchPoint.of(sequence, seen, 0.0)
-        if seen.found.is_converged and (yield from is_followed(other)):
+        cycle = yield from corrected(sequence, place.moved(along, ds), along, place.along(along) + ds)
+        other = BranchPoint.of(sequence, cycle, 0.0)
+        if cycle.found.is_converged and (yield from is_followed(other)):
             return other
     return None
 

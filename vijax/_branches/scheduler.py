@@ -6,7 +6,7 @@ from typing import Any
 
 from .._jax.garbage import with_rare_garbage_collection
 from .._orbits.sequence import NOTHING
-from .batches import Stock, call, makes_of, stacked
+from .batches import FamilyStack, call, makes_of, stacked
 from .kernels import simulate_motion
 from .motions import simulated
 from .padding import MOST_EVENTS, ROOM_OF_SIMULATION, padded, padded_for_run, room_for, trimmed
@@ -25,25 +25,25 @@ def drive(
     Returns what the tasks return; `tell_progress` is called once a round.
     """
     results: list[Any] = [None] * len(tasks)
-    makes, stocks = makes_of(families)
+    makes, stacks = makes_of(families)
     groups: dict[tuple, _Calls | StepBatch] = {}
     replies: dict[int, Any] = dict.fromkeys(range(len(tasks)))
     with with_rare_garbage_collection():
         while True:
             for k, reply in replies.items():
-                stock = stocks[makes[k]]
+                stack = stacks[makes[k]]
                 try:
-                    request = _next_request(families[k], stock, tasks[k], reply)
+                    request = _next_request(families[k], stack, tasks[k], reply)
                 except StopIteration as end:
                     results[k] = end.value
                     continue
                 program = request.program if isinstance(request, KernelCall) else None
                 room = room_for(len(request.sequence.kind))
-                if program in PARTS and not stock.has_second:
+                if program in PARTS and not stack.has_second:
                     program = None
                 key = program, room, makes[k]
                 if key not in groups:
-                    groups[key] = _Calls(stock, room, program) if program else StepBatch(stock, room)
+                    groups[key] = _Calls(stack, room, program) if program else StepBatch(stack, room)
                 groups[key].add(k, request)
             largest = max(groups.values(), key=len, default=())
             if not largest:
@@ -53,12 +53,12 @@ def drive(
 
 
 def _next_request(
-    family: ParameterFamily, stock: Stock, task: Requests[Any], reply: Any
+    family: ParameterFamily, stack: FamilyStack, task: Requests[Any], reply: Any
 ) -> KernelCall[Any] | PlainSteps:
     """Next request of a task after a reply; one with too many events throws `TooManyEvents` into this task alone."""
     request = task.send(reply)
     while isinstance(request, HostCall):
-        request = task.send(request.answer(family, stock.known))
+        request = task.send(request.answer(family, stack.known))
     while len(request.sequence.kind) > MOST_EVENTS:
         request = task.throw(TooManyEvents("max_events"))
     assert isinstance(request, KernelCall | PlainSteps)
@@ -77,7 +77,7 @@ def _without_padding(request: KernelCall[T]) -> KernelCall[T]:
 
 def answer(family: ParameterFamily, request: KernelCall[T]) -> T:
     """Answer a single request."""
-    calls = _Calls(Stock({0: family}), room_for(len(request.sequence.kind)), request.program)
+    calls = _Calls(FamilyStack({0: family}), room_for(len(request.sequence.kind)), request.program)
     calls.add(0, request)
     return calls.answer()[0]
 
@@ -86,13 +86,13 @@ class _Calls:
     """Waiting requests for one kernel.
 
     Args:
-        stock: families of the branches.
+        stack: families of the branches.
         room: padded number of events of their cycles.
         program: the kernel.
     """
 
-    def __init__(self, stock: Stock, room: int, program: Callable):
-        self.stock, self.room, self.program = stock, room, program
+    def __init__(self, stack: FamilyStack, room: int, program: Callable):
+        self.stack, self.room, self.program = stack, room, program
         self.waiting: list[tuple[int, KernelCall]] = []
 
     def __len__(self) -> int:
@@ -109,6 +109,6 @@ class _Calls:
         tasks = [task for task, _ in now]
         if self.program is simulate_motion:
             own = [padded_for_run(request.sequence, request.arguments, self.room) for _, request in now]
-            return simulated(self.stock, tasks, own)
+            return simulated(self.stack, tasks, own)
         rows = [padded(request.sequence, request.arguments, self.room) for _, request in now]
-        return call(self.program, self.stock, tasks, stacked(rows))
+        return call(self.program, self.stack, tasks, stacked(rows))

@@ -18,10 +18,10 @@ def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> Requests[Br
     """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
     followed = yield from _followed(point.sequence, guess)
     sequence, place = _on_events_of(followed, guess)
-    seen = yield from at_parameter(sequence, place, float(guess.p))
-    if not seen.found.is_converged:
+    cycle = yield from at_parameter(sequence, place, float(guess.p))
+    if not cycle.found.is_converged:
         return None
-    found = BranchPoint.of(sequence, seen, point.arc)
+    found = BranchPoint.of(sequence, cycle, point.arc)
     return found if (yield from is_followed(found)) else None
 
 
@@ -56,5 +56,5 @@ def _on_simulated_events(point: BranchPoint, followed: SimulatedMotion) -> Reque
     sequence, place = _on_events_of(followed, point.place)
     # The weights leave out the flights, whose number changes with the bounces.
     weights = ExtendedCycle(point.tangent.z, 0 * place.flights, point.tangent.p)
-    seen = yield from corrected(sequence, place, weights, place.along(weights))
-    return BranchPoint.of(sequence, seen, point.arc) if seen.found.is_converged else point
+    cycle = yield from corrected(sequence, place, weights, place.along(weights))
+    return BranchPoint.of(sequence, cycle, point.arc) if cycle.found.is_converged else point

@@ -70,8 +70,8 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Re
     """The branch point between two points of a branch."""
     length = new.arc - point.arc
     nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
-    known = yield from _seen_at(point, new, nodes)
-    s = _root_of(np.array([s for s, _ in known]), np.array([test.of(seen) for _, seen in known]), length)
+    known = yield from _cycles_at(point, new, nodes)
+    s = _root_of(np.array([s for s, _ in known]), np.array([test.of(cycle) for _, cycle in known]), length)
     if not np.isfinite(s):
         return End(EndKind.NOT_CONVERGED)
     found = yield from branch_point_near(point, between(point, new, s / length), NEAR)
@@ -100,8 +100,7 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoi
     if not away < NEAR:
         return None
     num = len(sequence.kind) // 2
-    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
-    guess = place._replace(flights=place.flights[:num])
+    once, guess = trimmed(sequence, num), trimmed(place, num)
     found = yield from ask(KernelCall(doubling, once, (guess,)))
     # At a fold beside a grazing the two halves may be close as well.
     distance, within = away, LOCATED
@@ -124,19 +123,19 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoi
 def _point_at(
     sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle, arc: float, kind: str
 ) -> Requests[BranchPoint]:
-    seen = yield from ask(KernelCall(as_corrected_cycle, sequence, (place, tangent)))
-    return BranchPoint.of(sequence, seen, arc, kind=kind)
+    cycle = yield from ask(KernelCall(as_corrected_cycle, sequence, (place, tangent)))
+    return BranchPoint.of(sequence, cycle, arc, kind=kind)
 
 
-def _seen_at(
+def _cycles_at(
     point: BranchPoint, new: BranchPoint, ways: np.ndarray
 ) -> Requests[list[tuple[float, CorrectedCycle]]]:
     """Pairs of distance from a point and corrected cycle there, of those that converge."""
     found = []
     ahead = partial(between, point, new)
     for s in ways:
-        seen = yield from on_plane(point, ahead(s / (new.arc - point.arc)), s)
-        found += [(s, seen)] if seen.found.is_converged else []
+        cycle = yield from on_plane(point, ahead(s / (new.arc - point.arc)), s)
+        found += [(s, cycle)] if cycle.found.is_converged else []
     return found
 
 

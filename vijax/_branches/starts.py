@@ -209,26 +209,37 @@ def _families_side_by_side(
     if any(np.shape(a)[-1] > 1 for a in (*matrices, *jax.tree.leaves(flow))):
         return None
     flow = jax.tree.map(lambda a: np.asarray(a)[..., 0], flow)
-    first = numbers_of(systems[0])
-    shifts, drift = np.asarray(free_shifts(first)), jax.tree.map(np.asarray, free_drifts(first))
+    free = _free_of(numbers_of(systems[0]))
     states = np.stack([start.state for start in starts])
     sizes = np.asarray(numbers.frequency), *_lengths_of(numbers)
     scales = _scales(states, *(np.broadcast_to(size, num) for size in sizes))
     return [
-        ParameterFamily(
-            system=system,
-            flow=flow,
-            num_periods=np.asarray(start.num_periods, states.dtype),
-            phase=np.asarray(start.phase / (2 * np.pi), states.dtype),
-            scale=scale,
-            span=np.asarray(bounds[1] - bounds[0], states.dtype),
-            tolerance=np.asarray(tolerance, states.dtype),
-            shifts=shifts,
-            drift=drift,
-            path=path,
-        )
+        _family(start, system, flow, scale, free, path=path, bounds=bounds, tolerance=tolerance)
         for start, system, scale in zip(starts, systems, scales, strict=True)
     ]
+
+
+def _family(
+    start: Start,
+    system: AnySystem,
+    flow: AbstractFlow,
+    scale: np.ndarray,
+    free: tuple[np.ndarray, Any],
+    *,
+    path: str,
+    bounds: tuple[float, float],
+    tolerance: float,
+) -> ParameterFamily:
+    """Family of the machine of an orbit, from its flow, the sizes of the orbit and what `_free_of` gives."""
+    numbers = start.num_periods or 1, start.phase / (2 * np.pi), bounds[1] - bounds[0], tolerance
+    num_periods, phase, span, small = (np.asarray(a, scale.dtype) for a in numbers)
+    own = {"path": path, "is_autonomous": start.is_autonomous}
+    return ParameterFamily(system, flow, num_periods, phase, scale, span, small, *free, **own)
+
+
+def _free_of(numbers: MachineNumbers) -> tuple[np.ndarray, Any]:
+    """Projections onto the rigid shifts and drifts of a machine, see `ParameterFamily`."""
+    return np.asarray(free_shifts(numbers)), jax.tree.map(np.asarray, free_drifts(numbers))
 
 
 def _lanes_last(*arrays: np.ndarray) -> np.ndarray:
@@ -297,24 +308,12 @@ def family_of(start: Start, path: str, low: float, high: float, tolerance: float
     _check_start(start, path, value_of(system, path), (low, high))
     if isinstance(machine, Family):
         check_column(path)
-    numbers, dtype = numbers_of(machine_of(system)), start.state.dtype
+    numbers = numbers_of(machine_of(system))
     sizes = np.asarray(numbers.frequency), *_lengths_of(numbers)
     (scale,) = _scales(start.state[None], *(size[None] for size in sizes))
-    return ParameterFamily(
-        system=system,
-        flow=TaylorFlow()
-        if start.is_autonomous
-        else jax.tree.map(np.asarray, _flow_of(system, path, (low, high), start.flow)),
-        num_periods=np.asarray(start.num_periods or 1, dtype),
-        phase=np.asarray(start.phase / (2 * np.pi), dtype),
-        scale=scale,
-        span=np.asarray(high - low, dtype),
-        tolerance=np.asarray(tolerance, dtype),
-        shifts=np.asarray(free_shifts(numbers)),
-        drift=jax.tree.map(np.asarray, free_drifts(numbers)),
-        path=path,
-        is_autonomous=start.is_autonomous,
-    )
+    flow = TaylorFlow() if start.is_autonomous else _flow_of(system, path, (low, high), start.flow)
+    free, along = _free_of(numbers), {"path": path, "bounds": (low, high), "tolerance": tolerance}
+    return _family(start, system, jax.tree.map(np.asarray, flow), scale, free, **along)
 
 
 def _flow_of(

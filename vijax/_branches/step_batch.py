@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._jax.packing import Packed
-from .batches import SINGLES, Form, Stock, compiled_steps, in_batches
+from .batches import SINGLES, FamilyStack, Form, compiled_steps, in_batches
 from .followed_steps import followed
 from .kernels import SimulatedMotion, corrected_cycle, simulate_motion
 from .motions import simulated
@@ -64,12 +64,12 @@ class StepBatch:
     """Waiting requests for steps along branches, and for the two parts of a step.
 
     Args:
-        stock: families of the branches.
+        stack: families of the branches.
         room: padded number of events of their cycles.
     """
 
-    def __init__(self, stock: Stock, room: int):
-        self.stock, self.room = stock, room
+    def __init__(self, stack: FamilyStack, room: int):
+        self.stack, self.room = stack, room
         self.steppers: list[_Stepper] = []
         self.state: Rows | None = None
         self.new: list[_Stepper] = []
@@ -88,7 +88,7 @@ class StepBatch:
     def answer(self) -> dict[int, Any]:
         """Answer all requests: plain steps are taken up to the first one that is not plain, or a few of them."""
         num = len(self)
-        form = self.stock.form(num)
+        form = self.stack.form(num)
         replies = {} if form is SINGLES else self._simulated(form)
         parts, state = self._joined()
         if state is None:
@@ -96,11 +96,11 @@ class StepBatch:
         steppers, first = self.steppers, len(parts)
         most = np.array([0] * first + [one.most_steps(form, num) for one in steppers])
         tasks = [one.task for one in (*parts, *steppers)]
-        points, found = in_batches(compiled_steps(form), form.size, self.stock.of(tasks), *state, most)
+        points, found = in_batches(compiled_steps(form), form.size, self.stack.of(tasks), *state, most)
         stepped: Stepped = found.unpacked()
         if form.room is None:
             given = state.requests, state.points, stepped, points
-            stepped, points = followed(self.stock, tasks, *given, self.room)
+            stepped, points = followed(self.stack, tasks, *given, self.room)
         for k, rows, row, length in _taken(stepped):
             steppers[k - first].add_point(rows, row, length)
         replies |= _replies_of_parts(parts, stepped)
@@ -116,14 +116,14 @@ class StepBatch:
         runs = [part for part in self.parts if part.request.program is simulate_motion]
         self.parts = [part for part in self.parts if part.request.program is not simulate_motion]
         own = [padded_for_run(one.request.sequence, one.request.arguments, self.room) for one in runs]
-        return simulated(self.stock, [one.task for one in runs], own, form) if runs else {}
+        return simulated(self.stack, [one.task for one in runs], own, form) if runs else {}
 
     def _joined(self) -> tuple[list[_Part], Rows | None]:
         """The requests for parts, and the rows of these and of all branches that step; None if there are none."""
         parts, new, rows = self.parts, self.new, []
         if parts:
             asked = [part.request for part in parts]
-            rows.append(rows_of_parts(asked, self.room, has_grip=self.stock.has_grip))
+            rows.append(rows_of_parts(asked, self.room, has_grip=self.stack.has_grip))
         if self.steppers and self.state is not None:
             rows.append(self.state)
         if new:
@@ -156,9 +156,9 @@ def _replies_of_parts(parts: list[_Part], stepped: Stepped) -> dict[int, Any]:
     """Answers to requests for parts of a step, from the first rows of the results."""
     if not parts:
         return {}
-    seen = stepped.tries.at((np.arange(len(parts)), 0)).each_unpacked()
+    cycle = stepped.tries.at((np.arange(len(parts)), 0)).each_unpacked()
     return {
-        part.task: _motion_in(stepped, k) if part.request.program is simulate_motion else seen[k]
+        part.task: _motion_in(stepped, k) if part.request.program is simulate_motion else cycle[k]
         for k, part in enumerate(parts)
     }
 
@@ -177,10 +177,10 @@ def _replies_of_steppers(
         stepped.ds[rows, last].tolist(),
         strict=True,
     )
-    for one, k, seen, end, is_tried, length in whole:
+    for one, k, cycle, end, is_tried, length in whole:
         point, step = one.point, None
         if isinstance(point, PlainPoint):
-            point = BranchPoint.of(point.sequence, seen, point.arc)
+            point = BranchPoint.of(point.sequence, cycle, point.arc)
         if is_tried:
             new = BranchPoint.of(point.sequence, end, point.arc + length)
             motion = _motion_in(stepped, k)

@@ -96,7 +96,7 @@ class Stepped(NamedTuple):
 class _JudgedStep(NamedTuple):
     """A corrected step with its verdicts, and the motion from its end or the run to be made, packed, see `Stepped`."""
 
-    seen: CorrectedCycle
+    cycle: CorrectedCycle
     is_sound: Flag
     is_taken: Flag
     has_motion: Flag
@@ -123,7 +123,7 @@ def take_steps(
     *,
     tries: int,
     room: int | None,
-    seen: Packed | None = None,
+    cycle: Packed | None = None,
 ) -> Stepped:
     """Answer a batch of requests, along the first axis.
 
@@ -136,34 +136,34 @@ def take_steps(
         most: most steps that each may take; 0 to try one.
         tries: most steps that are tried for each branch.
         room: least padded number of events of a simulation; None to make none.
-        seen: result of `first_corrections`, if that was computed before; for one try.
+        cycle: result of `first_corrections`, if that was computed before; for one try.
     """
-    known = seen
+    known = cycle
 
     def trial_of(state: _State) -> _JudgedStep:
         point, ds = state.found.point.unpacked(), state.found.next_ds
         target = jnp.where(state.number == 0, requests.target, jnp.nan)
         if known is None:
             guess = each_row(_prediction)(point, ds, target, state.is_live)
-            seen = each_row(corrected_cycle)(families, requests.sequence, *guess)
+            cycle = each_row(corrected_cycle)(families, requests.sequence, *guess)
         else:
-            seen = known.unpacked()
-        seen = each_row(_with_past)(seen, point, ds)
-        sound, plain, length = each_row(_judged)(requests, point, seen, ds)
+            cycle = known.unpacked()
+        cycle = each_row(_with_past)(cycle, point, ds)
+        sound, plain, length = each_row(_judged)(requests, point, cycle, ds)
         has_motion = (plain | requests.simulates) & state.is_live
         is_taken = plain & (state.left > 0) & state.is_live
         if room is None:
-            run = pack(each_row(run_of)(families, seen), has_rows=True)
-            return _JudgedStep(seen, sound, is_taken, has_motion, length, None, run)
+            run = pack(each_row(run_of)(families, cycle), has_rows=True)
+            return _JudgedStep(cycle, sound, is_taken, has_motion, length, None, run)
         simulated = partial(_simulated, room=room)
-        motion = each_row(simulated)(families, requests, point, seen, has_motion)
-        is_followed = each_row(is_followed_or_unstable)(requests.sequence, seen, motion)
+        motion = each_row(simulated)(families, requests, point, cycle, has_motion)
+        is_followed = each_row(is_followed_or_unstable)(requests.sequence, cycle, motion)
         motion = pack(motion, has_rows=True)
-        return _JudgedStep(seen, sound, is_taken & is_followed, has_motion, length, motion, None)
+        return _JudgedStep(cycle, sound, is_taken & is_followed, has_motion, length, motion, None)
 
     def one(state: _State) -> _State:
         trial, before, number, is_live = trial_of(state), state.found, state.number, state.is_live
-        row = pack(trial.seen, before.point.layout, has_rows=True)
+        row = pack(trial.cycle, before.point.layout, has_rows=True)
         shorter = jnp.where(trial.is_sound, before.next_ds, before.next_ds / 2)
         following = jnp.where(trial.is_taken, trial.next_length, shorter)
         left = state.left - trial.is_taken
@@ -244,32 +244,34 @@ def _prediction(
     return guess, weights, jnp.where(jnp.isnan(target), place.along(weights) + ds, target)
 
 
-def _with_past(seen: CorrectedCycle, point: CorrectedCycle, ds: Scalar) -> CorrectedCycle:
+def _with_past(cycle: CorrectedCycle, point: CorrectedCycle, ds: Scalar) -> CorrectedCycle:
     """The corrected cycle of a step, with what the next one needs of the point where it began."""
-    return seen._replace(past=jnp.append(point.neighbours, ds))
+    return cycle._replace(past=jnp.append(point.neighbours, ds))
 
 
 def _judged(
-    request: StepRequest, point: CorrectedCycle, seen: CorrectedCycle, ds: Scalar
+    request: StepRequest, point: CorrectedCycle, cycle: CorrectedCycle, ds: Scalar
 ) -> tuple[Flag, Flag, Scalar]:
     """True for a step that is accepted and short enough, True for one that is plain too, length of the next one."""
-    known, new = (StepState.of(request.sequence, at) for at in (point, seen))
-    sound = is_accepted(known, new, seen, ds) & is_resolved(known, new, ds)
+    known, new = (StepState.of(request.sequence, at) for at in (point, cycle))
+    sound = is_accepted(known, new, cycle, ds) & is_resolved(known, new, ds)
     plain = sound & is_plain(request.sequence, known, new, request.limits, ds)
-    return sound, plain, next_length(known, new, seen, ds, request.limits.longest)
+    return sound, plain, next_length(known, new, cycle, ds, request.limits.longest)
 
 
 def _simulated(
     family: ParameterFamily,
     request: StepRequest,
     point: CorrectedCycle,
-    seen: CorrectedCycle,
+    cycle: CorrectedCycle,
     is_wanted: Flag,
     *,
     room: int,
 ) -> SimulatedMotion:
     """Motion of the machine from the end of a step, or as requested; of none that is not wanted."""
-    place = jax.tree.map(lambda a, b: jnp.where(request.simulates, a, b), point.found.place, seen.found.place)
+    place = jax.tree.map(
+        lambda a, b: jnp.where(request.simulates, a, b), point.found.place, cycle.found.place
+    )
     sequence = jax.tree.map(lambda a: a[0], _widened(jax.tree.map(lambda a: a[None], request.sequence), room))
     flights = jnp.pad(place.flights, (0, len(sequence.kind) - len(place.flights)))
     z = jnp.where(is_wanted, place.z, jnp.nan)

@@ -105,18 +105,18 @@ class StepState(NamedTuple):
     past: Array
 
     @classmethod
-    def of(cls, sequence: Sequence, seen: CorrectedCycle) -> "StepState":
+    def of(cls, sequence: Sequence, cycle: CorrectedCycle) -> "StepState":
         """State at a corrected cycle."""
         return cls(
-            seen.found.place,
-            seen.found.tangent,
-            margins(sequence, seen),
-            test_slopes(sequence, seen),
-            seen.neighbours,
-            grips(sequence, seen),
-            num_unstable(seen),
-            seen.found.multipliers,
-            seen.past,
+            cycle.found.place,
+            cycle.found.tangent,
+            margins(sequence, cycle),
+            test_slopes(sequence, cycle),
+            cycle.neighbours,
+            grips(sequence, cycle),
+            num_unstable(cycle),
+            cycle.found.multipliers,
+            cycle.past,
         )
 
 
@@ -138,9 +138,9 @@ class StepLimits(NamedTuple):
     tangent: ExtendedCycle
 
 
-def is_accepted(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scalar) -> Flag:
+def is_accepted(known: StepState, new: StepState, cycle: CorrectedCycle, ds: Scalar) -> Flag:
     """True where the corrector converged fast and the tangents at both ends are close."""
-    found = seen.found
+    found = cycle.found
     is_near = found.is_converged & (found.first < 10 * ds) & (found.num_steps <= _MANY)
     return is_near & (new.tangent.along(known.tangent) > LEAST_COSINE)
 
@@ -170,9 +170,9 @@ def _turns_at_zero(known: StepState, new: StepState, ds: Scalar) -> Flag:
     return jnp.any(is_turning & is_beyond & (here * after > 0) & ~is_rounding)
 
 
-def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scalar, most: Scalar) -> Scalar:
+def next_length(known: StepState, new: StepState, cycle: CorrectedCycle, ds: Scalar, most: Scalar) -> Scalar:
     """Length of the step after one of length `ds`, at most `most` for a cycle of size 1."""
-    steps = seen.found.num_steps
+    steps = cycle.found.num_steps
     grown = ds * jnp.where(steps <= _FEW, 1.5, jnp.where(steps < _MANY, 1.2, 0.7))
     # Cycles may grow far beyond the first one; along the parameter no step exceeds `most`.
     size = jnp.maximum(jnp.max(jnp.abs(new.place.z)), 1)
@@ -208,8 +208,8 @@ def is_plain(sequence: Sequence, known: StepState, new: StepState, limits: StepL
     return ~(is_met | is_special | is_odd | is_out | is_other | is_back)
 
 
-def is_followed_or_unstable(sequence: Sequence, seen: CorrectedCycle, followed: SimulatedMotion) -> Any:
+def is_followed_or_unstable(sequence: Sequence, cycle: CorrectedCycle, followed: SimulatedMotion) -> Any:
     """Flag, of JAX or of NumPy: a run follows the cycle with as many events, or cannot, as a multiplier exceeds `TRUSTED`."""
     is_same_number = (followed.sequence.kind != NOTHING).sum() == (sequence.kind != NOTHING).sum()
-    is_untrusted = ~(abs(seen.found.multipliers[0]) < TRUSTED)
+    is_untrusted = ~(abs(cycle.found.multipliers[0]) < TRUSTED)
     return (followed.is_alike & is_same_number) | (~followed.is_alike & is_untrusted)

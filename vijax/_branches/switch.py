@@ -10,6 +10,7 @@ from .bifurcation_setup import family_at
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
 from .kinds import Kind
+from .padding import trimmed
 from .parameter_family import ExtendedCycle, ParameterFamily
 from .pitchfork import crossing_direction, null_vectors
 from .point import BranchPoint, DirectedBranch, correct_with_free_parameter, first_followed
@@ -100,9 +101,9 @@ def _ends_doubled(point: Bifurcation) -> bool:
 def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> Requests[BranchPoint | None]:
     """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
-    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
-    seen = yield from correct_with_free_parameter(once, place._replace(flights=place.flights[:num]))
-    at = BranchPoint.of(once, seen, 0.0)
+    once = trimmed(sequence, num)
+    cycle = yield from correct_with_free_parameter(once, trimmed(place, num))
+    at = BranchPoint.of(once, cycle, 0.0)
     return (yield from first_followed(once, at.place, at.tangent, TRIALS_ON_OTHER))
 
 

@@ -18,7 +18,8 @@ from .._orbits.autonomous import with_unit
 from .._orbits.maps import monodromy_matrix
 from .._system.compliant import AbstractCompliantLimit, CompliantContact
 from .._system.contact import Contact
-from .._system.system import AnyStop, ImpactSystem, mass_matrix
+from .._system.parts import AnyStop
+from .._system.system import ImpactSystem, mass_matrix
 from .tolerances import ROUNDED
 
 

@@ -44,7 +44,7 @@ def num_on_circle(mu: Multipliers) -> int:
 
 
 TESTS_OF_NEIGHBOURS = tuple(
-    TestFunction(kind, lambda seen, k=k: seen.neighbours[k])
+    TestFunction(kind, lambda cycle, k=k: cycle.neighbours[k])
     for k, kind in enumerate((Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT, Kind.NEIMARK_SACKER))
 )
 
@@ -74,12 +74,12 @@ def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunc
     for k in range(len(sequence.kind)):
         if has_speed[k]:
             kind = Kind.CROSSING_SLIDING if sequence.kind[k] == TURN else Kind.GRAZING
-            of_speed = lambda seen, k=k: float(seen.found.speeds[k])  # noqa: E731
-            rate = lambda seen, k=k: float(seen.rates.speeds[k])  # noqa: E731
+            of_speed = lambda cycle, k=k: float(cycle.found.speeds[k])  # noqa: E731
+            rate = lambda cycle, k=k: float(cycle.rates.speeds[k])  # noqa: E731
             found.append(TestFunction(kind, of_speed, k, rate=rate))
         if follows_another[k]:
-            of_flight = lambda seen, k=k: float(seen.found.place.flights[k])  # noqa: E731
-            rate = lambda seen, k=k: float(seen.found.tangent.flights[k])  # noqa: E731
+            of_flight = lambda cycle, k=k: float(cycle.found.place.flights[k])  # noqa: E731
+            rate = lambda cycle, k=k: float(cycle.found.tangent.flights[k])  # noqa: E731
             found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True, rate=rate))
     num = sequence.mode.shape[1]
     slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING, SPRING)), axis=0).tolist()
@@ -91,15 +91,15 @@ def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunc
             "rise": Kind.TEAR if is_friction else Kind.ONSET,
         }
         for name, kind in kinds.items():
-            of_guard = lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j])  # noqa: E731
+            of_guard = lambda cycle, j=j, name=name: float(getattr(cycle.watched, name)[j])  # noqa: E731
             rate = None
             if sequence.num_groups == 1:
-                rate = lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j])  # noqa: E731
+                rate = lambda cycle, j=j, name=name: float(getattr(cycle.rates, name)[j])  # noqa: E731
             found.append(TestFunction(kind, of_guard, j, rate=rate, least=name))
     return tuple(found)
 
 
-def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
+def kind_at(test: TestFunction, sequence: Sequence, cycle: Any) -> str:
     """Kind of the bifurcation at the zero of a test function, of a corrected cycle or of a point of a curve.
 
     A guard may vanish with an event: with one that cuts its flight off, or at the beginning of its stick.
@@ -107,8 +107,8 @@ def kind_at(test: TestFunction, sequence: Sequence, seen: Any) -> str:
     if test.least not in ("gap", "force"):
         return test.kind
     own = test.index % sequence.mode.shape[1]
-    flight, time = (getattr(seen.watched, f"{test.least}_{of}")[test.index] for of in ("flight", "time"))
-    since = np.cumsum(seen.found.place.flights[: len(sequence.kind)]) - float(time)
+    flight, time = (getattr(cycle.watched, f"{test.least}_{of}")[test.index] for of in ("flight", "time"))
+    since = np.cumsum(cycle.found.place.flights[: len(sequence.kind)]) - float(time)
     at_once = np.flatnonzero(np.abs(since) < LOCATED).tolist()
     if test.least == "force":
         # The event of another element sets it free, or the force is least where the element comes to rest.
@@ -165,17 +165,17 @@ def _is_one_of(kinds: Any, some: tuple[int, ...]) -> Any:
     return array_namespace(kinds).isin(kinds, np.array(some))
 
 
-def margins(sequence: Sequence, seen: CorrectedCycle) -> Any:
+def margins(sequence: Sequence, cycle: CorrectedCycle) -> Any:
     """Values of all `tests_of` a padded sequence, (tests,); infinite for no test."""
     return _of_tests(
-        sequence, (seen.found.speeds, seen.found.place.flights, *_between_events(seen.watched)), np.inf
+        sequence, (cycle.found.speeds, cycle.found.place.flights, *_between_events(cycle.watched)), np.inf
     )
 
 
-def test_slopes(sequence: Sequence, seen: CorrectedCycle) -> Any:
+def test_slopes(sequence: Sequence, cycle: CorrectedCycle) -> Any:
     """Rates of `margins` along the branch, (tests,); 0 for no test."""
-    rates = (seen.rates.speeds, seen.found.tangent.flights, *_between_events(seen.rates))
-    values = margins(sequence, seen)
+    rates = (cycle.rates.speeds, cycle.found.tangent.flights, *_between_events(cycle.rates))
+    values = margins(sequence, cycle)
     xp = array_namespace(values)
     return xp.where(xp.isfinite(values), _of_tests(sequence, rates, 0.0), 0.0)
 
@@ -240,13 +240,13 @@ def _is_end_of_rebound(sequence: Sequence, k: int, impacts: set[int]) -> bool:
     )
 
 
-def grips(sequence: Sequence, seen: CorrectedCycle) -> Any:
+def grips(sequence: Sequence, cycle: CorrectedCycle) -> Any:
     """Grip that impacts leave to friction of their contacts, see `EndOfFlight`, (events stops,).
 
     Its sign tells whether the friction sticks within the impact or slips. NaN where there is none, and in light bounces, of
     which a chatter has ever more.
     """
-    grip, speeds = seen.watched.grip, seen.found.speeds
+    grip, speeds = cycle.watched.grip, cycle.found.speeds
     xp = array_namespace(speeds)
     if grip is None:
         return np.zeros(0)
@@ -260,22 +260,22 @@ def stops_in_impacts(sequence: Sequence, before: CorrectedCycle, after: Correcte
     """Test functions of impacts in which friction begins or ceases to stick between two cycles of a sequence."""
     if before.watched.grip is None:
         return []
-    first, last = (grips(sequence, seen) for seen in (before, after))
+    first, last = (grips(sequence, cycle) for cycle in (before, after))
     found = []
     for place in np.flatnonzero(is_crossed(first, last)).tolist():
         k, j = divmod(place, sequence.mode.shape[1])
         sign = float(np.sign(first[place]))
-        of = lambda seen, k=k, j=j, sign=sign: sign * float(seen.watched.grip[k, j])  # noqa: E731
+        of = lambda cycle, k=k, j=j, sign=sign: sign * float(cycle.watched.grip[k, j])  # noqa: E731
         found.append(TestFunction(Kind.IN_IMPACT, of, k))
     return found
 
 
-def is_plastic(sequence: Sequence, seen: CorrectedCycle, test: TestFunction) -> bool:
+def is_plastic(sequence: Sequence, cycle: CorrectedCycle, test: TestFunction) -> bool:
     """True if the stop of the event of a test function has zero restitution."""
-    return bool(seen.watched.is_plastic[sequence.stop[test.index]])
+    return bool(cycle.watched.is_plastic[sequence.stop[test.index]])
 
 
-def num_unstable(seen: CorrectedCycle) -> Any:
+def num_unstable(cycle: CorrectedCycle) -> Any:
     """Number of multipliers outside the unit circle."""
-    xp, mu = array_namespace(seen.found.multipliers), seen.found.multipliers
+    xp, mu = array_namespace(cycle.found.multipliers), cycle.found.multipliers
     return xp.count_nonzero(xp.abs(mu) > 1 + HALF_DIGITS, axis=-1)

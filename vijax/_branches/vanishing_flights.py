@@ -27,12 +27,12 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Re
     `flight` is the number of the hop; any short hop if left out.
     """
     for stop, sequence, place in _without_hops(point, flight):
-        seen = yield from at_parameter(sequence, place, float(place.p))
-        if not seen.found.is_converged:  # the parameter may be stationary where the hop vanishes
-            seen = yield from correct_with_free_parameter(sequence, place)
-        if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > NEAR:
+        cycle = yield from at_parameter(sequence, place, float(place.p))
+        if not cycle.found.is_converged:  # the parameter may be stationary where the hop vanishes
+            cycle = yield from correct_with_free_parameter(sequence, place)
+        if not cycle.found.is_converged or np.abs(cycle.found.place.z - place.z).max() > NEAR:
             continue
-        start = BranchPoint.of(sequence, seen, point.arc)
+        start = BranchPoint.of(sequence, cycle, point.arc)
         found = yield from vanishing(start, Kind.FORCE_ZERO, stop)
         if found is not None:
             return found
@@ -41,7 +41,7 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Re
 
 def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoint | None]:
     """The point where a hop vanishes, if that makes an impact lose its speed or holds a mass back; else None."""
-    watched, k = event.seen.watched, test.index
+    watched, k = event.cycle.watched, test.index
     if test.kind == Kind.GRAZING:
         return (yield from end_of_vanishing_flight(event, k))
     if test.kind in (Kind.ONSET, Kind.TOUCH):
@@ -59,7 +59,7 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> Requests[BranchPoin
 def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int, Sequence, ExtendedCycle]]:
     """Pairs of the stop of each short hop, the shortest first, and the cycle without the hop."""
     sequence, durations = point.sequence, _durations(point)
-    num = len(durations) if sequence.num_groups == 1 or point.seen.watched.grip is not None else 0
+    num = len(durations) if sequence.num_groups == 1 or point.cycle.watched.grip is not None else 0
     for k in np.argsort(durations[:num]) if flight is None else [flight % max(num, 1)]:
         last = _end_of_hop(point, int(k)) if num and durations[k] < SHORT_HOP else None
         if last is not None:
@@ -70,7 +70,7 @@ def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int,
 def _durations(point: BranchPoint) -> np.ndarray:
     """Times from each event back to the one before it, cyclically, in forcing periods, (events,)."""
     durations = np.array(point.place.flights)
-    durations[:1] += point.seen.watched.last
+    durations[:1] += point.cycle.watched.last
     return durations
 
 
@@ -80,7 +80,7 @@ def _end_of_hop(point: BranchPoint, k: int) -> int | None:
     stop, before = sequence.stop[k], (k - 1) % num
     if before == k or sequence.held[k, stop] or sequence.stop[before] != stop:
         return None
-    if sequence.kind[before] != RELEASE and not point.seen.watched.is_plastic[stop]:
+    if sequence.kind[before] != RELEASE and not point.cycle.watched.is_plastic[stop]:
         return None
     for last in range(k, num):
         if sequence.kind[last] != IMPACT or sequence.stop[last] != stop:

@@ -24,10 +24,10 @@ def zero_between(
     length, cycle_at = way_between(before, after)
     bracket, best, value = Bracket.between(*ends, length), None, np.nan
     while (s := next_trial(bracket)) is not None:
-        seen = yield from cycle_at(s)
+        cycle = yield from cycle_at(s)
         arc = before.arc + s / length * (after.arc - before.arc)
-        best = BranchPoint.of(after.sequence, seen, arc)
-        value = (yield from value_at(best)) if seen.found.is_converged else np.nan
+        best = BranchPoint.of(after.sequence, cycle, arc)
+        value = (yield from value_at(best)) if cycle.found.is_converged else np.nan
         if not np.isfinite(value):
             return None
         bracket = bracket.narrowed(s, value)

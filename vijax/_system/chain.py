@@ -12,7 +12,8 @@ from .._jax.concrete import concrete
 from .friction import Friction
 from .hysteresis import Jenkins
 from .load import AbstractLoad
-from .system import AnyStop, ImpactSystem
+from .parts import AnyStop
+from .system import ImpactSystem
 
 
 def chain(

@@ -18,9 +18,10 @@ from .hysteresis import Jenkins
 from .load import AbstractLoad
 from .load_description import build_load, describe_load
 from .parametric import Parametric
+from .parts import AnyStop
 from .restitution import AbstractRestitution, describe_restitution, laws_by_name
 from .stop import Stop
-from .system import AnyStop, ImpactSystem
+from .system import ImpactSystem
 from .tables import arrays_of, check_names, lists_of, one_array, table_of
 
 _ARRAYS = ("mass", "damping", "stiffness")

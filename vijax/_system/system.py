@@ -1,7 +1,7 @@
 """The machine: masses, dampers, springs, the load, stops and contacts."""
 
 import abc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -11,18 +11,14 @@ from jaxtyping import Array, Float
 from .._descriptions import as_html, as_text
 from .._jax.arrays import Numbers, a_kind_of, as_float, in_full_precision, whole_number
 from .._jax.concrete import concrete
-from .._jax.errors import checked
 from .._printing import describe_system
 from .checks import (
     POSITIVE,
     check_finite,
     check_mass_matrices,
     check_one,
-    check_room,
-    check_slots,
     move_alike,
 )
-from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
 from .force import (
     BoundForce,
@@ -33,17 +29,14 @@ from .force import (
     parametric_of,
     with_parametric,
 )
-from .forcing import Harmonic
 from .friction import Friction
 from .hysteresis import Jenkins, with_stretches
 from .load import AbstractLoad, LoadSum
 from .painleve import check_slip
 from .parametric import Parametric, check_terms, load_and_terms
-from .stop import Stop
+from .parts import AnyStop, check_friction, check_parts, check_rows, check_stops, forces_of, of_one_frequency
 from .symmetry import Symmetry
 from .symmetry_search import symmetries_of
-
-AnyStop = Stop | Contact | CompliantStop | CompliantContact
 
 
 class ImpactSystem(eqx.Module):
@@ -123,8 +116,8 @@ class ImpactSystem(eqx.Module):
                 f"Argument `force`, behind `stops`, must be a function force(t, x, v, args), but is {force!r}: give friction by "
                 "its name, `friction=[...]`."
             )
-        _check_parts(forcing, stops, friction, hysteresis)
-        self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
+        check_parts(forcing, stops, friction, hysteresis)
+        self.forcing, self.stops = of_one_frequency(*in_full_precision((forcing, tuple(stops))))
         self.force = with_parametric(as_force(force), parametric)
         self.friction = in_full_precision(tuple(friction))
         self.hysteresis = in_full_precision(tuple(hysteresis))
@@ -139,59 +132,19 @@ class ImpactSystem(eqx.Module):
             shape = getattr(self, name).shape
             if shape != (n, n):
                 raise ValueError(f"Argument `{name}` must have shape ({n}, {n}), but has shape {shape}.")
-        for path, values in _forces_of(self.forcing):
+        for path, values in forces_of(self.forcing):
             if values.shape[-1] != n:
                 raise ValueError(
                     f"`{path}` must end in the number of masses, {n}, but has shape {values.shape}."
                 )
-        self._check_stops()
-        self._check_rows("friction", self.friction)
-        self._check_rows("hysteresis", self.hysteresis)
-        self._check_contacts_of_friction()
+        check_stops(self.stops, n)
+        check_friction(self.friction, len(self.stops), n)
+        check_rows("hysteresis", self.hysteresis, n)
         check_terms(parametric_of(self.force), n, self.forcing)
         self._check_values()
         if self.num_states:
             self._check_states()
         check_slip(self)
-
-    def _check_stops(self):
-        places: dict[tuple[int, str], int] = {}
-        for j, stop in enumerate(self.stops):
-            unknown = [mass for mass in stop.coefficients if mass >= self.num_masses]
-            if unknown:
-                name = f"`stops[{j}].row` names mass" if stop.slot is None else f"`stops[{j}].mass` is"
-                raise ValueError(
-                    f"{name} {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
-                )
-            if stop.is_compliant:
-                continue
-            if stop.slot in places:
-                mass, side = stop.slot
-                raise ValueError(
-                    f"`stops[{places[stop.slot]}]` and `stops[{j}]` are both {side} stops of mass {mass}: keep "
-                    "the nearer one."
-                )
-            if stop.slot is not None:
-                places[stop.slot] = j
-        check_slots(self.stops)
-        check_room(self.stops)
-
-    def _check_rows(self, name: str, elements: Sequence[Any]):
-        for k, element in enumerate(elements):
-            unknown = [mass for mass in element.coefficients if mass >= self.num_masses]
-            if unknown:
-                raise ValueError(
-                    f"`{name}[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
-                )
-
-    def _check_contacts_of_friction(self):
-        for k, element in enumerate(self.friction):
-            if element.contact is not None and element.contact >= len(self.stops):
-                stops = "no stops" if not self.stops else f"stops 0 to {len(self.stops) - 1}"
-                raise ValueError(
-                    f"`friction[{k}].contact` is {element.contact}, but the machine has {stops}: it must be the number of the stop whose "
-                    "force presses."
-                )
 
     def _check_states(self):
         first = self.num_masses - self.num_states
@@ -356,60 +309,6 @@ def machine_of(system: AnySystem) -> ImpactSystem:
     return machine
 
 
-def _check_parts(forcing: Any, stops: Any, friction: Any, hysteresis: Any) -> None:
-    """Reject a `forcing` that is not a load, or `stops`, `friction` or `hysteresis` that are not lists of such."""
-    if not isinstance(forcing, AbstractLoad):
-        raise ValueError(
-            "Argument `forcing` must be a load, a `vx.Harmonic`, `vx.Tabulated` or `vx.Waveform`, or a sum of such by `+`, or None "
-            f"if nothing drives the machine, but is {forcing!r}."
-        )
-    if not isinstance(stops, list | tuple) or not all(isinstance(stop, AnyStop) for stop in stops):
-        raise ValueError(
-            "Argument `stops` must be a list of `vx.Stop`, `vx.Contact`, `vx.CompliantStop` and `vx.CompliantContact`, also "
-            f"where there is one, but is {stops!r}."
-        )
-    if not isinstance(friction, list | tuple) or not all(isinstance(one, Friction) for one in friction):
-        raise ValueError(
-            f"Argument `friction` must be a list of `vx.Friction`, also where there is one, but is {friction!r}."
-        )
-    if not isinstance(hysteresis, list | tuple) or not all(isinstance(one, Jenkins) for one in hysteresis):
-        raise ValueError(
-            f"Argument `hysteresis` must be a list of `vx.Jenkins`, also where there is one, but is {hysteresis!r}."
-        )
-
-
-def _forces_of(forcing: AbstractLoad) -> Iterator[tuple[str, Array]]:
-    """Paths of the forces of all loads, and their values."""
-    for k, load in enumerate(forcing.loads):
-        name = "amplitude" if isinstance(load, Harmonic) else "values"
-        where = f"forcing[{k}]" if isinstance(forcing, LoadSum) else "forcing"
-        yield f"{where}.{name}", getattr(load, name)
-
-
-def _of_one_frequency(
-    forcing: AbstractLoad, stops: Sequence[AnyStop]
-) -> tuple[AbstractLoad, tuple[AnyStop, ...]]:
-    """Keep the frequency in the load alone, so that a change there applies everywhere."""
-    same = []
-    for j, stop in enumerate(stops):
-        if stop.motion is not None and stop.motion.frequency is not None:
-            if forcing.why_not_periodic:
-                raise ValueError(
-                    f"`stops[{j}]` moves with a period, which the load must have too. {forcing.why_not_periodic}"
-                )
-            differs = stop.motion.frequency != forcing.frequency
-            sentence = f"The frequency of `stops[{j}].motion` must be that of the load, `forcing.frequency`."
-            known = concrete(differs)
-            if known is not None and known.any():
-                raise ValueError(sentence)
-            if known is None and stop.motion.frequency is not forcing.frequency:
-                sure = checked(forcing.frequency, differs.astype(int), ("", sentence))
-                forcing = eqx.tree_at(lambda f: f.frequency, forcing, sure)
-            stop = eqx.tree_at(lambda s: s.motion.frequency, stop, None)
-        same.append(stop)
-    return forcing, tuple(same)
-
-
 def refuse_switching(who: str, system: ImpactSystem) -> None:
     """Raise ValueError for a machine with friction or compliant stops, where only rigid contacts are supported."""
     if system.is_switching:
@@ -442,7 +341,7 @@ def with_args(system: AnySystem, args: object) -> ImpactSystem:
     """
     system = in_full_precision(machine_of(system))
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
-        same = _of_one_frequency(system.forcing, system.stops)
+        same = of_one_frequency(system.forcing, system.stops)
         system = eqx.tree_at(lambda s: (s.forcing, s.stops), system, same)
     return bound(system, args)
 

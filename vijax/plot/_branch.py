@@ -1,25 +1,18 @@
 """Branches of periodic orbits: the velocities of their impacts against the parameter."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, cast, overload
+from typing import Any, cast, overload
 
-import jax
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import same_color
 
 from .._branches.branch import Branch
-from .._branches.kinds import MONITOR, EndKind, Kind
+from .._branches.kinds import MONITOR, Kind
 from .._dataset_checks import check_columns
-from .._hybrid.limits import IMPACT
 from .._sweep.literals import Quantity
 from .._sweep.short_names import with_paths
-from .._system.description import build_from
-from .._system.family_description import system_from
-from .._system.force_description import NAMED_FORCE
-from .._system.parameters import is_of_force, machine_at
-from .._system.system import AnySystem, ImpactSystem
 from ._axes import (
     break_long_labels,
     check_index,
@@ -31,29 +24,25 @@ from ._axes import (
     stops_to_draw,
 )
 from ._bifurcation import bifurcation, label_of_impacts
-from ._branch_names import checked_ordinate, named_branches, quantity_lines
+from ._branch_lines import (
+    MARKERS,
+    STABILITY,
+    BranchLines,
+    joined,
+    lines_at,
+    places_of_marks,
+    system_of_points,
+)
+from ._branch_names import checked_ordinate, named_branches
 from ._coincidence import hidden_under
 from ._colors import colors_apart, ink, merge_style
 from ._contacts import masses_of_stops, name_of
 from ._grazing_lines import draw_grazing
-from ._impact_lines import OrbitImpacts, impact_lines
 from ._labels import Units, swept_paths
 from ._legend import add_legend
 from ._ordinates import Labels, Ordinate, label_of
 from ._resonances import draw_resonances
 
-_STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
-MARKERS: dict[str, str] = {
-    Kind.FOLD: "o",
-    Kind.PERIOD_DOUBLING: "D",
-    Kind.NEIMARK_SACKER: "p",
-    Kind.BRANCH_POINT: "*",
-    Kind.PITCHFORK: "P",
-    Kind.GRAZING: "v",
-    Kind.DOUBLE_IMPACT: "d",
-    Kind.FORCE_ZERO: "^",
-    Kind.CHATTER_COMPLETION: "s",
-}
 OTHER = "h"
 # Factor of the marker size of a sweep under the branches.
 _LARGER = 1.4
@@ -160,8 +149,8 @@ def branch(
     path = _common(several, ds)
     quantity = checked_ordinate(several, ordinate, "velocity")
     numbers = _numbers(quantity, stop, mass, several[0].points.sizes)
-    masses = masses_of_stops(_system(several[0].points))
-    curves = {j: [_curves(one, j, ordinate, quantity) for one in several] for j in numbers}
+    masses = masses_of_stops(system_of_points(several[0].points))
+    curves = {j: [lines_at(one, j, ordinate, quantity) for one in several] for j in numbers}
     if not any(one.lines for of_number in curves.values() for one in of_number):
         where = "any stop" if stop is None else name_of(stop, masses)
         what = (
@@ -233,113 +222,12 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> str:
     return path
 
 
-def _system(points: xr.Dataset) -> ImpactSystem:
-    """The machine of a branch as its attributes describe it, its force by name only."""
-    system = build_from(points.attrs, force=NAMED_FORCE)  # only the stops are needed
-    if system.num_stops != points.sizes["stop"]:
-        raise ValueError(
-            f"The machine of the branch has {system.num_stops} stops, but its points have {points.sizes['stop']}."
-        )
-    return system
-
-
-class _Curves(NamedTuple):
-    """The lines of a branch at one stop, or of one quantity.
-
-    Attributes:
-        values: parameter at the points of the branch, (points,).
-        kinds: bifurcation at each point, empty for none, (points,).
-        is_stable: whether the branch is stable up to the next point, (points - 1,).
-        lines: of each impact or quantity, the point numbers and its values there.
-        is_continuous: whether the ordinate is a quantity of the cycle, which ends nowhere but where it is not known.
-    """
-
-    values: np.ndarray
-    kinds: np.ndarray
-    is_stable: np.ndarray
-    lines: list[tuple[np.ndarray, np.ndarray]]
-    is_continuous: bool
-
-
-def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | None) -> _Curves:
-    """The lines of the impacts of a branch at a stop, or of a quantity of a stop or a mass."""
-    points = branch.points
-    if branch.ends == (EndKind.CLOSED, EndKind.CLOSED):  # repeat the first point at the end
-        points = points.isel(point=[*range(len(branch)), 0])
-    kinds = points["bifurcation"].values.astype(str)
-    # At a multiplier on the unit circle `is_stable` is decided by rounding: the other end of the segment decides.
-    is_stable = points["is_stable"].values.astype(bool) | np.isin(
-        kinds, [str(kind) for kind in Kind if kind.is_critical]
-    )
-    if quantity is None:
-        sign = _system(points).stops[number].sign
-        found = impact_lines(_impacts(branch, points, number), kinds, points.attrs["num_periods"])
-        lines = [(np.array(numbers), sign * np.array(velocities)) for numbers, velocities in found]
-    else:
-        lines = quantity_lines(points, ordinate, quantity, number)
-    return _Curves(
-        points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines, quantity is not None
-    )
-
-
-def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tuple[np.ndarray, np.ndarray]]:
-    """Parameters and ordinates of the stable (True) and the unstable segments of a branch, separated by NaN."""
-    curves = _curves(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))
-    return {is_stable: _joined(curves, is_stable) for is_stable in _STABILITY}
-
-
-def _varied(branch: Branch) -> AnySystem:
-    """Owner of the parameter of a branch: its machine as its attributes describe it, or its family."""
-    if "family" not in branch.points.attrs:
-        return _system(branch.points)
-    return branch.system or system_from(
-        branch.points.attrs, allow_forces=branch.allow_forces, family=branch.family
-    )
-
-
-def _impacts(branch: Branch, points: xr.Dataset, stop: int) -> list[OrbitImpacts]:
-    """The impacts of each orbit of a branch at a stop."""
-    is_still, path = _system(points).stops[stop].motion is None, points.attrs["path"]
-    system = _system(points) if is_still else _varied(branch)
-    times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
-
-    def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
-        if is_still:
-            return 0 * angles
-        is_told = isinstance(system, ImpactSystem) and is_of_force(path)
-        machine = system if is_told else machine_at(system, path, value)
-        at = machine.stops[stop]
-        if at.slot is None:  # a contact has no velocity of its own
-            return 0 * angles
-        return at.sign * machine.forcing.frequency * jax.vmap(at.slope_at)(angles)
-
-    of_stop = np.asarray(jax.vmap(carried)(points[path].values, 2 * np.pi * times))
-    is_hit = (points["event_kind"].values == IMPACT) & (points["event_stop"].values == stop)
-    columns = (times, points["impact_speed"].values, of_stop)
-    return [OrbitImpacts(*(column[k][hits] for column in columns)) for k, hits in enumerate(is_hit)]
-
-
-def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters and velocities of all stable or all unstable segments, separated by NaN."""
-    found = [np.empty((2, 0))]
-    for numbers, velocities in curves.lines:
-        pieces = curves.is_stable[numbers[:-1]]
-        ends = np.flatnonzero(np.diff(pieces)) + 1
-        for part in np.split(np.arange(len(pieces)), ends):
-            if len(part) and pieces[part[0]] == is_stable:
-                whole = np.append(part, part[-1] + 1)
-                drawn = np.stack([curves.values[numbers[whole]], velocities[whole]])
-                found += [drawn, np.full((2, 1), np.nan)]
-    x, y = np.concatenate(found, axis=1)
-    return x, y
-
-
-def _draw_curves(curves: list[_Curves], names: list[str], ax: Axes, style: dict[str, Any]) -> None:
+def _draw_curves(curves: list[BranchLines], names: list[str], ax: Axes, style: dict[str, Any]) -> None:
     """Draw all lines, solid where orbits are stable, and their legend entries."""
     kinds = list(dict.fromkeys(names)) if any(names) else range(len(curves))
     colors = colors_apart(ax, len(kinds)) if len(curves) > 1 else [ink()]
     color_of = dict(zip(kinds, colors, strict=True))
-    shown = hidden_under([[_joined(one, True), _joined(one, False)] for one in curves], names)
+    shown = hidden_under([[joined(one, True), joined(one, False)] for one in curves], names)
     label = style.get("label", "")
     style = {key: value for key, value in style.items() if key != "label"}
     for k, (one, name) in enumerate(zip(curves, names, strict=True)):
@@ -347,46 +235,20 @@ def _draw_curves(curves: list[_Curves], names: list[str], ax: Axes, style: dict[
         words = label_if_new(ax, ", ".join(filter(None, (label, shown[k]))))
         if words:
             ax.plot([], [], label=words, **look)
-        for is_stable, (stroke, _) in _STABILITY.items():
-            ax.plot(*_joined(one, is_stable), **{"linestyle": stroke} | look)
-    for is_stable, (stroke, words) in _STABILITY.items():
-        if any(_joined(one, is_stable)[0].size for one in curves) and (words := label_if_new(ax, words)):
+        for is_stable, (stroke, _) in STABILITY.items():
+            ax.plot(*joined(one, is_stable), **{"linestyle": stroke} | look)
+    for is_stable, (stroke, words) in STABILITY.items():
+        if any(joined(one, is_stable)[0].size for one in curves) and (words := label_if_new(ax, words)):
             ax.plot([], [], linestyle=stroke, color=ink(), linewidth=1.2, label=words)
 
 
-def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
+def _draw_marks(curves: list[BranchLines], ax: Axes) -> None:
     """Draw the markers of the bifurcations on all lines."""
-    found = _places_of_marks(curves)
+    found = places_of_marks(curves)
     size = 6.0 if sum(map(len, found.values())) <= _MANY_MARKS else 3.0
     for kind, places in found.items():
         marker = MARKERS.get(kind, OTHER)
         draw_special(ax, np.array(places), kind, marker=marker, markersize=size, markeredgewidth=size / 6)
-
-
-def _places_of_marks(curves: list[_Curves]) -> dict[str, list[tuple[float, float]]]:
-    """Places of the bifurcations on all lines, by kind."""
-    found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in MARKERS}
-    for one in curves:
-        for numbers, velocities in one.lines:
-            for value, velocity, kind in zip(
-                one.values[numbers], velocities, one.kinds[numbers], strict=True
-            ):
-                if kind:
-                    found.setdefault(str(kind), []).append((float(value), float(velocity)))
-            if one.is_continuous:  # a bifurcation at which it is not known lies where its line ends
-                ends = [(numbers[-1] + 1, velocities[-1])]
-                ends += [(0, velocities[0])] if numbers[0] == 1 else []
-                for number, beside in ends:
-                    if number < len(one.kinds) and (kind := str(one.kinds[number])):
-                        found.setdefault(kind, []).append((float(one.values[number]), float(beside)))
-    return {kind: places for kind, places in found.items() if places}
-
-
-def marks_of_branch(branch: Branch, number: int, ordinate: str) -> dict[str, list[tuple[float, float]]]:
-    """Parameters and ordinates of the bifurcations of a branch, by kind."""
-    return _places_of_marks(
-        [_curves(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))]
-    )
 
 
 def draw_special(ax: Axes, places: np.ndarray, kind: str, **look: Any) -> None:

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 
 from .._dataset_checks import check_is_dataset
 from ._axes import create_axes, label_if_new
-from ._branch import MARKERS, OTHER, draw_special, label_of_kind
+from ._branch import OTHER, draw_special, label_of_kind
+from ._branch_lines import MARKERS
 from ._colors import curve_styles, merge_style
 from ._labels import Units
 from ._legend import add_legend

@@ -24,10 +24,10 @@ def apart(corner: Corner, trial: CycleOnWords) -> Requests[BranchPoint | None]:
     for length in APART:
         guess = place._replace(flights=place.flights + length * np.diff(moves, prepend=0.0))
         weights = ExtendedCycle(0 * place.z, np.diff(moves, prepend=0.0), 0 * place.p)
-        seen = yield from corrected(sequence, guess, weights, guess.along(weights))
-        if not seen.found.is_converged:
+        cycle = yield from corrected(sequence, guess, weights, guess.along(weights))
+        if not cycle.found.is_converged:
             continue
-        new = BranchPoint.of(sequence, seen, event.arc)
+        new = BranchPoint.of(sequence, cycle, event.arc)
         away = new.place.distance_of_starts(event.place)
         if not (away < NEAR and lowest_margin(new, corner, trial.words) >= 0):
             continue

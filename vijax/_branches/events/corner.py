@@ -65,7 +65,7 @@ def corner_of(event: BranchPoint, test: TestFunction, rounds: int, num_periods: 
     when, element = _place_of(test, event)
     instants: list[tuple[float, set[int]]] = [(when, {element})]
     for other in tests_of(event.sequence):
-        if abs(other.of(event.seen)) < HALF_DIGITS * _size_of(other, event):
+        if abs(other.of(event.cycle)) < HALF_DIGITS * _size_of(other, event):
             at, own = _place_of(other, event)
             # At another instant only a margin of the same kind counts: the last bounces of a chatter are light as well.
             if abs(at - when) < LOCATED or (other.kind, other.of_flight) == (
@@ -102,7 +102,7 @@ def _instant(event: BranchPoint, time: float, elements: set[int]) -> CornerInsta
 
 def _place_of(test: TestFunction, event: BranchPoint) -> tuple[float, int]:
     """Time and element of a margin."""
-    times, watched = np.cumsum(event.place.flights), event.seen.watched
+    times, watched = np.cumsum(event.place.flights), event.cycle.watched
     if not test.least:
         return float(times[test.index]), int(event.sequence.stop[test.index])
     element = test.index % event.sequence.mode.shape[1]
@@ -116,5 +116,5 @@ def _size_of(test: TestFunction, event: BranchPoint) -> float:
     """Size of a margin: gaps and speeds have that of the motion."""
     if test.of_flight or test.kind not in (Kind.TOUCH, Kind.GRAZING):
         return 1.0
-    positions, velocities = np.split(np.abs(event.seen.start), 2)
+    positions, velocities = np.split(np.abs(event.cycle.start), 2)
     return float((positions if test.kind == Kind.TOUCH else velocities).max())

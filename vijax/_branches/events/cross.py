@@ -35,7 +35,7 @@ def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Reque
     """The first point of a branch behind a corner; None if no word leads on."""
     if test.kind == Kind.IN_IMPACT:
         return None if test.of_flight else (yield from _past_impact(event, test))
-    if test.kind == Kind.CHATTER_COMPLETION and not is_plastic(event.sequence, event.seen, test):
+    if test.kind == Kind.CHATTER_COMPLETION and not is_plastic(event.sequence, event.cycle, test):
         return None  # ever more bounces follow: `grazing_cascade.py`
     # In all rounds of a cycle that traverses a shorter one, in one of them alone, or, by a symmetry, half a cycle later too.
     for rounds in dict.fromkeys((1, walk.rounds, 2)):
@@ -52,10 +52,10 @@ def _past_impact(event: BranchPoint, test: TestFunction) -> Requests[BranchPoint
     for side in (1, -1):
         for ds in TRIALS_AHEAD:
             guess = event.place.moved(tangent, ds)
-            seen = yield from corrected(event.sequence, guess, tangent, along + side * ds)
-            new = BranchPoint.of(event.sequence, seen, event.arc + ds)
-            is_near = seen.found.is_converged and new.place.distance(event.place) < CORNER_NEAR * ds
-            if is_near and test.of(seen) < 0 and (yield from is_followed(new)):
+            cycle = yield from corrected(event.sequence, guess, tangent, along + side * ds)
+            new = BranchPoint.of(event.sequence, cycle, event.arc + ds)
+            is_near = cycle.found.is_converged and new.place.distance(event.place) < CORNER_NEAR * ds
+            if is_near and test.of(cycle) < 0 and (yield from is_followed(new)):
                 return new if side > 0 else new.turned()
     return None
 
@@ -155,8 +155,8 @@ def _is_at_corner(at: BranchPoint, trial: CycleOnWords) -> bool:
 
 def _rises(at: BranchPoint) -> bool:
     """True if the margins that vanish at a corner rise along the tangent."""
-    (sequence,) = padded(at.sequence, (), len(at.seen.found.speeds))
-    values, slopes = margins(sequence, at.seen), test_slopes(sequence, at.seen)
+    (sequence,) = padded(at.sequence, (), len(at.cycle.found.speeds))
+    values, slopes = margins(sequence, at.cycle), test_slopes(sequence, at.cycle)
     own = slopes[np.abs(values) < HALF_DIGITS]
     return not len(own) or bool(own.min() > -own.max())
 

@@ -24,7 +24,7 @@ def lowest_margin(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> 
     """
     least = 0.0
     for test in tests_of(point.sequence):
-        value = test.of(point.seen)
+        value = test.of(point.cycle)
         is_speed = test.kind == Kind.GRAZING and not test.least
         is_low = value <= (NO_FLIGHT if is_speed else -NO_FLIGHT)
         if is_low and not (test.least and value > -ECHO_VALUE and _is_echo(test, point, corner, words)):
@@ -34,7 +34,7 @@ def lowest_margin(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> 
 
 def _is_echo(test: TestFunction, point: BranchPoint, corner: Corner, words: Sequence[Word]) -> bool:
     """True if a guard is least beside a letter of its own element at a corner."""
-    watched, element = point.seen.watched, test.index % point.sequence.mode.shape[1]
+    watched, element = point.cycle.watched, test.index % point.sequence.mode.shape[1]
     if test.least == "rise":
         return False
     when = float(getattr(watched, test.least + "_time")[test.index])
@@ -54,6 +54,6 @@ def is_followed_behind(point: BranchPoint, num_periods: float) -> Requests[Branc
         if not isinstance(within, BranchPoint):
             return None
         point = within
-    if abs(point.seen.found.multipliers[0]) > TRUSTED or (yield from is_followed(point)):
+    if abs(point.cycle.found.multipliers[0]) > TRUSTED or (yield from is_followed(point)):
         return point
     return None

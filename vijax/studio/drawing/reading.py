@@ -17,13 +17,14 @@ from ..._system.compliant import CompliantContact, CompliantStop
 from ..._system.force import name_of_force, whole_force
 from ..._system.forcing import Harmonic
 from ..._system.hysteresis import ForceBesideSliders
+from ..._system.parts import AnyStop
 from ..._system.restitution import (
     AbstractRestitution,
     Restitution,
     light_coefficient,
     restitution_of_contacts,
 )
-from ..._system.system import AnyStop, ImpactSystem
+from ..._system.system import ImpactSystem
 from ..._system.waves import Tones, Waves
 from ..._trajectory.solution import Solution
 from ...models._nonlinear import PendulumWeight

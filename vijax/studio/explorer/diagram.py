@@ -18,7 +18,7 @@ from matplotlib.colors import to_hex
 
 from ..._sections.classify import classified
 from ...plot._bifurcation import label_of_impacts
-from ...plot._branch import MARKERS
+from ...plot._branch_lines import MARKERS
 from ...plot._labels import axis_label
 from ...plot._motions import legend_entries, motions_of
 from ...plot._ordinates import Ordinate, ordinate_of, ordinates

@@ -11,7 +11,8 @@ import xarray as xr
 from holoviews.streams import Pipe, Tap
 
 from ..._branches.branch import Branch
-from ...plot._branch import label_of_kind, lines_of_branch, marks_of_branch
+from ...plot._branch import label_of_kind
+from ...plot._branch_lines import lines_of_branch, marks_of_branch
 from .diagram import (
     IMPACTS,
     Ordinates,
