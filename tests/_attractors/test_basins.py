@@ -253,7 +253,7 @@ def test_starts_of_a_grid_beyond_a_stop_have_no_label():
         vx.basins(machine, grid | {"x0[0]": np.array([0.3, 0.4])}, progress=False)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_starts_of_bodies_that_overlap_have_no_label():
     """Two bodies with friction whose gap is 0.2."""
     contact, load = vx.Contact({0: 1, 1: -1}, 0.2, 0.6), vx.Harmonic([0.3, 0.0], 1.3)

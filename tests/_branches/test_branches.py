@@ -46,6 +46,7 @@ def test_published_period_doubling_and_grazing(doubled):
     assert [point.kind for point in doubled.bifurcations] == ["gr", "pd"]
     grazing, doubling = doubled.bifurcations
     assert grazing.value == pytest.approx(grazing_amplitude(0.84091), abs=1e-11)
+    assert np.isinf(grazing.orbit.multipliers[0])
     assert doubling.value == pytest.approx(0.32561956758361, abs=1e-11)
     orbit = doubling.orbit
     assert float(orbit.events.velocity_minus[0]) == pytest.approx(0.27433182278456, abs=1e-9)
@@ -354,6 +355,7 @@ def test_case_a_through_all_its_changes():
     for (kind, value), (expected_kind, expected) in zip(found[start:], known, strict=False):
         assert kind == expected_kind
         assert value == pytest.approx(expected, abs=1e-10)
+    assert all(np.isinf(point.orbit.multipliers[0]) for point in points_of(branch, "gr"))
 
 
 @pytest.mark.slow

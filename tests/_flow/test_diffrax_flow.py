@@ -98,6 +98,7 @@ def test_a_near_miss_costs_a_bounded_number_of_steps(near_grazing):
     assert int(jnp.max(found.num_steps)) < 2 * int(jnp.max(exact.num_steps)) + 100
 
 
+@pytest.mark.slow
 def test_the_error_falls_with_the_order_of_the_solver():
     flow = lambda dt: vx.DiffraxFlow(diffrax.Tsit5(), diffrax.ConstantStepSize(), dt0=dt)  # noqa: E731
     exact = vx.simulate(driven(), 0.0, 20.0)

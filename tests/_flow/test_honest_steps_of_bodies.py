@@ -66,7 +66,7 @@ def bounced(height):
     return jnp.stack([-speed * flight + GRAVITY * flight**2 / 2, -speed + GRAVITY * flight])
 
 
-@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+@pytest.mark.parametrize("derivative", [pytest.param(jax.jacfwd, marks=pytest.mark.slow), jax.jacrev])
 def test_derivatives_through_a_stiff_wall_are_those_of_the_closed_form(derivative):
     load = vx.Harmonic([0.0], 1.0, mean=[GRAVITY])
     machine = vx.ImpactSystem(

@@ -34,7 +34,7 @@ FORCES = {
     ),
     "linear wall": (lambda d, w: -1e9 * jnp.maximum(d, 0.0), lambda d, w: 5e8 * np.maximum(d, 0) ** 2),
 }
-_OFTEN = ("gaussian", "lorentzian", "exponential wall")
+_OFTEN = ("gaussian", "exponential wall")
 
 
 @pytest.mark.parametrize(

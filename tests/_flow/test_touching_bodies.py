@@ -147,7 +147,7 @@ def test_a_ball_at_the_end_of_its_container_rides_on_a_shaken_base_in_a_sweep_to
         ([1.0, 1.0], None),
         pytest.param([1.0, 2.0], None, marks=pytest.mark.slow),
         pytest.param([3.0, 0.5], 1.0, marks=pytest.mark.slow),
-        ([1.0, 2.0], 1.3),
+        pytest.param([1.0, 2.0], 1.3, marks=pytest.mark.slow),
     ],
 )
 def test_blocks_whose_friction_is_at_its_bound_all_along_ride_together(mass, static):

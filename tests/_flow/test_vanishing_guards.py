@@ -52,7 +52,7 @@ def test_nearly_equal_pendula_part_at_the_lowest_point(change):
     assert sol.num_steps < 2 * FEW_STEPS
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_lanes_and_units_do_not_matter():
     def at(size):
         sol = vx.simulate(
@@ -122,7 +122,7 @@ def test_equal_buildings_in_touch_move_as_one(contact):
     assert sol.num_steps < 100
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_at_its_bound_all_along_does_not_stop_three_blocks():
     friction = [vx.Friction(0, 1.5), vx.Friction({1: 1.0, 0: -1.0}, 1.0), vx.Friction({2: 1.0, 1: -1.0}, 0.5)]
     load = vx.Harmonic(amplitude=[6.0, 0.0, 0.0], frequency=0.7)

@@ -44,7 +44,7 @@ PAIRS = {
         lambda: oscillator(hysteresis=[vx.Jenkins(0, 1.5, 1.2)]),
     ),
 }
-_MANY = ["four friction elements", "friction with static", "sliders"]
+_MANY = ["compliant stops", "four friction elements", "friction with static", "sliders"]
 _NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in _MANY else name for name in PAIRS]
 
 

@@ -26,7 +26,8 @@ def _marks(name: str) -> list:
 
 
 _SCENES = [pytest.param(a, marks=_marks(a)) for a in scene_names()]
-_LONG = ("drop_on_stack", "random_219")
+# Machines of which others hold the same in less: elements with static forces, `test_resting_bodies.py`.
+_LONG = ("drop_on_stack", "lets_go_three", "random_219", "reach_stuck", "two_elements_static")
 _MIXED = [
     pytest.param(a, marks=pytest.mark.slow if a in _LONG else pytest.mark.thorough)
     for a in scene_names("golden_mixed")

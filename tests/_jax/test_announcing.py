@@ -36,7 +36,7 @@ def stderr_of(folder, more: str) -> str:
     return done.stderr
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_call_says_what_it_compiles_for_once_and_not_if_that_is_kept(tmp_path):
     assert stderr_of(tmp_path / "other", ", progress=False") == ""
     assert stderr_of(tmp_path, "").count(LINE) == 1

@@ -121,7 +121,7 @@ def test_motions_that_leave_for_ever_touch_nothing():
     np.testing.assert_allclose(found["forcing.amplitude[0]"], touching_amplitude(1.5, 0.8), rtol=1e-13)
 
 
-def test_branches_without_saddles_are_refused():
+def test_branches_without_saddles_and_single_precision_are_refused():
     system = vx.ImpactSystem(
         [1.0], [[0.2]], [[1.0]], vx.Harmonic([0.1], 1.5), [vx.Stop(0, 1.0, "upper", 0.8)]
     )
@@ -130,8 +130,5 @@ def test_branches_without_saddles_are_refused():
     )
     with pytest.raises(ValueError, match="no saddles"):
         vx.homoclinic_tangencies(branch)
-
-
-def test_single_precision_is_refused(saddles):
     with jax.enable_x64(False), pytest.raises(ValueError, match="64"):
-        vx.homoclinic_tangencies(saddles)
+        vx.homoclinic_tangencies(branch)

@@ -157,9 +157,11 @@ def test_it_is_printed_in_five_lines_and_labelled(sticking):
     assert ds.result.attrs["flag_meanings"].split()[int(ds.result)] == "successful"
 
 
-def test_at_grazing_a_multiplier_is_infinite_and_the_others_are_not():
+@pytest.mark.parametrize("speed", [0.0, 1e-15, -1e-15])
+def test_at_grazing_a_multiplier_is_infinite_and_the_others_are_not(speed):
+    """Where an impact is located as a grazing, its speed is a rounding of either sign."""
     end = jnp.array([[0.5, 0.2], [0.1, -0.3]])
-    start = jnp.array([[1.0, 0.0], [2.0, 0.0]])
+    start = jnp.array([[1.0, 0.0], [2.0, speed]])
     found = floquet_multipliers(Pencil(end, start), jnp.array(0), jnp.zeros((len(end) // 2, len(end) // 2)))
     assert np.isinf(found[0].real)
     # det(Z - mu N) = 0 is linear in mu.

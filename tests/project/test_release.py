@@ -52,6 +52,27 @@ def test_the_archive_says_what_the_citation_says():
     assert archive["license"] == PROJECT["license"]
 
 
+def test_codemeta_says_what_the_citation_and_the_project_say():
+    """Archives and indexes of software read `codemeta.json`: terms of CodeMeta 3.0, https://w3id.org/codemeta/3.0."""
+    meta, citation = json.loads((ROOT / "codemeta.json").read_text()), (ROOT / "CITATION.cff").read_text()
+    archive = json.loads((ROOT / ".zenodo.json").read_text())
+    assert meta["@context"] == "https://w3id.org/codemeta/3.0"
+    assert meta["type"] == "SoftwareSourceCode"
+    same = {"name": "title", "version": "version", "datePublished": "date-released"}
+    assert {meta[name] for name in same} == {
+        re.search(rf"^{field}: (.*)$", citation, re.M)[1].strip('"') for field in same.values()
+    }
+    assert meta["license"] == f"https://spdx.org/licenses/{PROJECT['license']}"
+    assert [meta["description"], meta["keywords"]] == [archive["description"], archive["keywords"]]
+    assert [one["name"] for one in meta["author"]] == [one["name"] for one in archive["creators"]]
+    assert [one["identifier"].removeprefix("https://doi.org/") for one in meta["citation"]] == re.findall(
+        r"doi: (.*)$", citation, re.M
+    )
+    assert meta["citation"][0]["name"] in citation
+    assert meta["runtimePlatform"] == f"Python {PROJECT['requires-python'].removeprefix('>=')} or later"
+    assert meta["softwareRequirements"] == PROJECT["dependencies"]
+
+
 def test_the_paper_has_the_sections_and_the_length_that_the_journal_asks_for():
     """Of the Journal of Open Source Software: 750 to 1750 words, without references."""
     text = (ROOT / "paper.md").read_text().split("---\n", 2)[2]

@@ -18,6 +18,9 @@ from .rigid_modes import deflated
 
 # Not +1 and -1: Z + s N would be singular for the multipliers -1 and +1, which mark bifurcations.
 _SHIFTS = 0.87, -1.13
+# An impact located as a grazing has a speed of some roundings, and 1 - nu is as large. No other orbit comes near: at the
+# distance d from a grazing 1 - nu is of the order of sqrt(d), 1e-8 where d is a rounding. In roundings of 1:
+_GRAZING = 512
 # Newer releases of JAX differentiate eigenvectors only on request. Second derivatives of multipliers need it; they
 # exist where the multipliers are distinct.
 _OPTIONS = signature(jax.lax.linalg.eig).parameters
@@ -44,8 +47,7 @@ def floquet_multipliers(
     first, second = (jnp.linalg.slogdet(end + s * start)[1] for s in _SHIFTS)
     shift = jnp.where(first >= second, *_SHIFTS)
     nu = _eigenvalues(jnp.linalg.solve(end + shift * start, end - shift * start))
-    eps = jnp.finfo(start.dtype).eps
-    is_infinite = jnp.abs(1 - nu) <= 4 * eps
+    is_infinite = jnp.abs(1 - nu) <= _GRAZING * jnp.finfo(start.dtype).eps
     mu = jnp.where(is_infinite, jnp.inf, shift * (1 + nu) / jnp.where(is_infinite, 1, 1 - nu))
     num_shifts = jnp.round(jnp.trace(shifts)).astype(int)
     rank = len(mu) - 1 - jnp.arange(len(mu))
