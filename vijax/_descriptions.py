@@ -14,6 +14,13 @@ class Description(NamedTuple):
     rows: list[tuple[str, ...]]
 
 
+def described_by(
+    tell: Callable[..., Description], *words: Any
+) -> tuple[Callable[[Any], str], Callable[[Any], str]]:
+    """The methods `__repr__` and `_repr_html_` of a class whose objects a function describes."""
+    return (lambda self: as_text(tell, self, *words)), (lambda self: as_html(tell, self, *words))
+
+
 def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     """Format a description in aligned columns."""
     described = _safe_description(tell, thing, *words)

@@ -8,7 +8,7 @@ import xarray as xr
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._dataset_attributes import flags, versions
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._flow.interface import AbstractFlow
 from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Scalar
@@ -176,11 +176,7 @@ class PeriodicOrbit(eqx.Module):
             raise ValueError("`to_xarray` labels one orbit, outside of `jax.jit` and `jax.vmap`.")
         return _dataset(self)
 
-    def __repr__(self) -> str:
-        return as_text(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), EVENT_NAMES)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), EVENT_NAMES)
+    __repr__, _repr_html_ = described_by(describe_orbit, tuple(ORBIT_RESULTS._name_to_item), EVENT_NAMES)
 
 
 def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Count, Reals, as_float
 from .._printing import describe_compliant
 from .checks import NOT_NEGATIVE, Rule, check_number
@@ -101,11 +101,7 @@ class CompliantStop(AbstractCompliantLimit):
     def __check_init__(self):
         check_side(self.side)
 
-    def __repr__(self) -> str:
-        return as_text(describe_compliant, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_compliant, self)
+    __repr__, _repr_html_ = described_by(describe_compliant)
 
     @property
     def sign(self) -> int:
@@ -174,11 +170,7 @@ class CompliantContact(AbstractCompliantLimit):
     def __check_init__(self):
         check_row(self.masses, self.row)
 
-    def __repr__(self) -> str:
-        return as_text(describe_compliant, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_compliant, self)
+    __repr__, _repr_html_ = described_by(describe_compliant)
 
     @property
     def sign(self) -> int:

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Reals, as_float, whole_number
 from .._jax.concrete import concrete
 from .._printing import describe_contact
@@ -221,11 +221,7 @@ class Contact(AbstractRigidLimit):
     def __check_init__(self):
         check_row(self.masses, self.row)
 
-    def __repr__(self) -> str:
-        return as_text(describe_contact, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_contact, self)
+    __repr__, _repr_html_ = described_by(describe_contact)
 
     @property
     def sign(self) -> int:

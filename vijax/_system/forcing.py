@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Numbers, Reals, array_namespace, as_float
 from .._printing import describe_harmonic
 from .checks import FINITE, NOT_NEGATIVE, check_number, check_one
@@ -87,11 +87,7 @@ class Harmonic(AbstractLoad):
         for name in ("amplitude", "phase", "mean"):
             check_one(name, getattr(self, name), FINITE)
 
-    def __repr__(self) -> str:
-        return as_text(describe_harmonic, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_harmonic, self)
+    __repr__, _repr_html_ = described_by(describe_harmonic)
 
     def num_harmonics(self, lane_axes: int = 0) -> int:
         """Number of harmonics; lanes may be last."""

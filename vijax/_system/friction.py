@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Count, Reals, as_float, whole_number
 from .._jax.concrete import concrete
 from .._printing import describe_friction
@@ -135,11 +135,7 @@ class Friction(eqx.Module):
             static = "static_coefficient", self.static_coefficient
             _check_pair(name, ("coefficient", self.coefficient), static, check)
 
-    def __repr__(self) -> str:
-        return as_text(describe_friction, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_friction, self)
+    __repr__, _repr_html_ = described_by(describe_friction)
 
     @property
     def coefficients(self) -> dict[int, Reals]:

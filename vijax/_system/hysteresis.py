@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Count, Reals, array_namespace, as_float, stack, whole_number
 from .._printing import describe_hysteresis
 from .checks import FINITE, NOT_NEGATIVE, POSITIVE, Rule, check_number
@@ -98,11 +98,7 @@ class Jenkins(eqx.Module):
         if self.slider is not None:
             check(f"{name}slider", self.slider, FINITE)
 
-    def __repr__(self) -> str:
-        return as_text(describe_hysteresis, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_hysteresis, self)
+    __repr__, _repr_html_ = described_by(describe_hysteresis)
 
     @property
     def coefficients(self) -> dict[int, Reals]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Reals
 from .._jax.concrete import concrete
 from .._printing import describe_loads
@@ -172,11 +172,7 @@ class LoadSum(AbstractLoad):
     def __len__(self) -> int:
         return len(self.parts)
 
-    def __repr__(self) -> str:
-        return as_text(describe_loads, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_loads, self)
+    __repr__, _repr_html_ = described_by(describe_loads)
 
 
 _DIFFERENT = (

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Count, Reals, as_float, whole_number
 from .._printing import describe_stop
 from .contact import AbstractRigidLimit
@@ -91,11 +91,7 @@ class Stop(AbstractRigidLimit):
     def __check_init__(self):
         check_side(self.side)
 
-    def __repr__(self) -> str:
-        return as_text(describe_stop, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_stop, self)
+    __repr__, _repr_html_ = described_by(describe_stop)
 
     @property
     def sign(self) -> int:

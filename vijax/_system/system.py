@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Numbers, a_kind_of, as_float, in_full_precision, whole_number
 from .._jax.concrete import concrete
 from .._printing import describe_system
@@ -175,11 +175,7 @@ class ImpactSystem(eqx.Module):
             if matrix is not None:
                 check_finite(name, matrix)
 
-    def __repr__(self) -> str:
-        return as_text(describe_system, self, name_of_force)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_system, self, name_of_force)
+    __repr__, _repr_html_ = described_by(describe_system, name_of_force)
 
     @property
     def num_masses(self) -> int:

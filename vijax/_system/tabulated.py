@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._jax.arrays import Numbers, Reals, as_float
 from .._jax.concrete import concrete
 from .._printing import describe_tabulated, describe_waveform
@@ -95,11 +95,7 @@ class Tabulated(AbstractLoad):
         """Derivatives of the load by time where each interval begins, (knots - 1, orders, n); lanes may be last."""
         return derivatives_at_knots(self.times, self.values, self.kind)
 
-    def __repr__(self) -> str:
-        return as_text(describe_tabulated, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_tabulated, self)
+    __repr__, _repr_html_ = described_by(describe_tabulated)
 
 
 class Waveform(AbstractLoad):
@@ -189,11 +185,7 @@ class Waveform(AbstractLoad):
         """Derivatives of the load by its phase where each interval begins, (knots, orders, n); lanes may be last."""
         return derivatives_at_knots(self.phases, self.values, self.kind, 2 * np.pi)
 
-    def __repr__(self) -> str:
-        return as_text(describe_waveform, self)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_waveform, self)
+    __repr__, _repr_html_ = described_by(describe_waveform)
 
 
 def _of_masses(values: Numbers) -> Array:

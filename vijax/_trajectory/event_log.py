@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._hybrid.limits import EVENT_NAMES, EVENTS, IMPACT, STICK, SWITCHING_EVENTS, EventKind
 from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, append_axes
@@ -85,11 +85,7 @@ class EventLog(eqx.Module):
         columns = {name: np.asarray(getattr(self, name))[is_event] for name in names}
         return pd.DataFrame(columns | {"kind": [EVENT_NAMES[kind] for kind in columns["kind"]]})
 
-    def __repr__(self) -> str:
-        return as_text(describe_events, self, EVENT_NAMES)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_events, self, EVENT_NAMES)
+    __repr__, _repr_html_ = described_by(describe_events, EVENT_NAMES)
 
 
 class Restarts(eqx.Module):

@@ -9,7 +9,7 @@ import lazy_loader
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._descriptions import as_html, as_text
+from .._descriptions import described_by
 from .._flow.interface import AbstractFlow
 from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
@@ -314,11 +314,7 @@ class Solution(eqx.Module):
             )
         return dataset_of(self)
 
-    def __repr__(self) -> str:
-        return as_text(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
-
-    def _repr_html_(self) -> str:
-        return as_html(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
+    __repr__, _repr_html_ = described_by(describe_solution, tuple(RESULTS._name_to_item), EVENT_NAMES)
 
     @padding_allowed
     def _at(self, t: Numbers) -> "Evaluated":
