@@ -4,6 +4,7 @@ A mass on a hardening spring, x'' = -x - x^3 + cos t. Its series are computed he
 """
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -29,7 +30,7 @@ def coefficients(x: float, v: float, t: float, order: int) -> np.ndarray:
     return a
 
 
-def value(a: np.ndarray, u: np.ndarray | float) -> np.ndarray:
+def value(a: np.ndarray, u: Any) -> Any:
     """The polynomial at the times u."""
     return np.polynomial.polynomial.polyval(u, a)
 
@@ -45,7 +46,7 @@ def exact(times: np.ndarray) -> np.ndarray:
     for t in times:
         found.append(x)
         a, short = coefficients(x, v, t, 20), times[1] - times[0]
-        x, v = value(a, short), value(slopes(a), short)
+        x, v = float(value(a, short)), float(value(slopes(a), short))
     return np.array(found)
 
 

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
+from vijax._sweep.recurrence import Recurrence, periods_left
 
 PERIOD, RECORD = 2.0, 20
 K = np.arange(1, RECORD + 1)
@@ -168,6 +169,14 @@ def test_close_to_a_period_doubling_two_periods_are_not_taken_for_a_cycle():
 
 def test_a_motion_that_leaves_an_unstable_cycle_has_not_settled():
     assert motion_of(record(0.3 + 1e-12 * 2.0**K)) == ("not_settled", 0)
+
+
+def test_how_long_a_motion_needs_is_unknown_where_it_leaves_a_cycle_however_fast():
+    """The power of 1e20 that is looked at is beyond all numbers."""
+    found = Recurrence(np.array([0, 0]), np.array([1.0, 1e-3]), np.array([1e20, 0.9]), np.array([True, True]))
+    left = periods_left(found, 1e-9, RECORD)
+    assert np.isnan(left[0])
+    assert left[1] == np.ceil(np.log(1e-9 / 9e-3) / np.log(0.9))
 
 
 def test_the_contraction_is_that_of_a_period():

@@ -91,7 +91,7 @@ def test_a_parameter_of_a_force_is_swept_by_its_name(by_force):
         pytest.param(
             by_args, {"cubic": 1, "drag": np.array([0.05])}, "args['cubic']", marks=pytest.mark.slow
         ),
-        (of_pair, (1.0, jnp.array([0.05])), "args[0]"),
+        pytest.param(of_pair, (1.0, jnp.array([0.05])), "args[0]", marks=pytest.mark.slow),
     ],
     ids=["dict", "dict as in Python", "tuple"],
 )

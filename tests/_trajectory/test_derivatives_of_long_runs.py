@@ -34,7 +34,7 @@ def end_by_frequency(factor, periods: int):
 
 
 @pytest.mark.parametrize("periods", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("end", [end_by_amplitude, end_by_frequency])
+@pytest.mark.parametrize("end", [pytest.param(end_by_amplitude, marks=pytest.mark.slow), end_by_frequency])
 def test_a_settled_motion_has_the_derivatives_of_a_hundred_periods(end, periods):
     early, late = (jax.jvp(partial(end, periods=n), (1.0,), (1.0,))[1] for n in (100, periods))
     assert np.abs(early).max() > 0.1

@@ -106,7 +106,8 @@ def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def periods_left(found: Recurrence, tolerance: float, record: int) -> np.ndarray:
     """Forcing periods until each motion has settled, from its last error and rate in `record` periods; NaN if unknown."""
     factor = found.contraction
-    with np.errstate(divide="ignore", invalid="ignore"):
+    # The factor of a motion that leaves an unstable cycle may be 1e20 and more.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         distance = found.error * np.maximum(1, factor / (1 - factor))
         is_seen = (factor > 0) & (factor**record < _SEEN) & (distance > tolerance)
         return np.where(is_seen, np.ceil(np.log(distance / tolerance) / -np.log(factor)), np.nan)
