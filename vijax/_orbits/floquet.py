@@ -20,7 +20,7 @@ from .rigid_modes import deflated
 _SHIFTS = 0.87, -1.13
 # An impact located as a grazing has a speed of some roundings, and 1 - nu is as large. No other orbit comes near: at the
 # distance d from a grazing 1 - nu is of the order of sqrt(d), 1e-8 where d is a rounding. In roundings of 1:
-_GRAZING = 512
+_GRAZING = 64
 # Newer releases of JAX differentiate eigenvectors only on request. Second derivatives of multipliers need it; they
 # exist where the multipliers are distinct.
 _OPTIONS = signature(jax.lax.linalg.eig).parameters
