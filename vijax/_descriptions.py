@@ -14,9 +14,7 @@ class Description(NamedTuple):
     rows: list[tuple[str, ...]]
 
 
-def described_by(
-    tell: Callable[..., Description], *words: Any
-) -> tuple[Callable[[Any], str], Callable[[Any], str]]:
+def described_by(tell: Callable[..., Description], *words: Any) -> tuple[Any, Any]:
     """The methods `__repr__` and `_repr_html_` of a class whose objects a function describes."""
     return (lambda self: as_text(tell, self, *words)), (lambda self: as_html(tell, self, *words))
 
