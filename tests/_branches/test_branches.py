@@ -355,7 +355,10 @@ def test_case_a_through_all_its_changes():
     for (kind, value), (expected_kind, expected) in zip(found[start:], known, strict=False):
         assert kind == expected_kind
         assert value == pytest.approx(expected, abs=1e-10)
-    assert all(np.isinf(point.orbit.multipliers[0]) for point in points_of(branch, "gr"))
+    # A grazing has an infinite multiplier as an orbit with that impact, not as the orbit that only touches the stop.
+    for grazing in points_of(branch, "gr"):
+        touches = np.any(np.abs(grazing.orbit.events.velocity_minus) < 1e-12)
+        assert np.isinf(grazing.orbit.multipliers[0]) == touches
 
 
 @pytest.mark.slow

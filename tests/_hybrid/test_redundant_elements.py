@@ -25,6 +25,7 @@ def _slides_from(grip: float, mass: float, t: float) -> tuple[float, float]:
     return way / mass, v
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [1, -1])
 def test_friction_that_takes_over_at_its_bound_holds_to_the_other(order):
     sol = vx.simulate(_leans(order), 1.06, 3.0, [1.0, 2.0], [0.0, 0.0])

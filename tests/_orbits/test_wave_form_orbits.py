@@ -41,6 +41,7 @@ def test_an_orbit_closes_and_has_the_multipliers_of_the_map(orbit):
     assert float(np.prod(orbit.multipliers).real) == pytest.approx(loss, abs=ROUNDING)
 
 
+@pytest.mark.thorough
 def test_an_orbit_at_another_phase_is_the_same(orbit):
     system, phase = orbit.system, 1.9
     sol = vx.simulate(system, 0.0, phase / 0.8, orbit.x0, orbit.v0)
