@@ -7,13 +7,13 @@ import numpy as np
 
 from .._dataset_attributes import check_column
 from .._execution.points import LaneInput, points_of_lanes
-from .._jax.arrays import Numbers, as_numpy_float
+from .._jax.arrays import Numbers, as_float
 from .._system.system import AnySystem, ImpactSystem
 
 
 def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     """Values of every swept quantity, at least one, (points, ...)."""
-    axes = {path: as_numpy_float(v, path) for path, v in values.items()}
+    axes = {path: np.asarray(as_float(v, path)) for path, v in values.items()}
     if not axes:
         raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
     if "mass" in axes:
@@ -31,7 +31,7 @@ def base_of(system: AnySystem, x0: Numbers | None, v0: Numbers | None) -> LaneIn
     """Machine, or family, and start where nothing is swept."""
     n = system.num_masses
     given = {"x0": x0, "v0": v0}
-    starts = (np.zeros(n) if a is None else as_numpy_float(a, name) for name, a in given.items())
+    starts = (np.zeros(n) if a is None else np.asarray(as_float(a, name)) for name, a in given.items())
     base = LaneInput(system, *starts)
     for name in ("x0", "v0"):
         if getattr(base, name).shape not in ((n,), (system.num_coordinates,)):
