@@ -13,7 +13,7 @@ import vijax as vx
 _MOST = 80
 
 
-def _row(load, restitution, between, mass=(1.0, 1.0), length=1.0, time=1.0, more=None) -> vx.ImpactSystem:
+def _row(load, restitution, between, mass=(1.0, 1.0), length=1.0, time=1.0) -> vx.ImpactSystem:
     """Bodies in touch on a wall, which loads pull away from it and from each other, in units of mass, length and time."""
     n = len(load)
     force = mass[0] * length / time**2
@@ -21,9 +21,7 @@ def _row(load, restitution, between, mass=(1.0, 1.0), length=1.0, time=1.0, more
     none = np.zeros((n, n))
     mean = force * np.array(load)
     stops = [vx.Stop(0, 0.0, "lower", restitution), *contacts]
-    return vx.ImpactSystem(
-        list(mass), none, none, vx.Harmonic(0 * mean, 1.0 / time, mean=mean), stops, **(more or {})
-    )
+    return vx.ImpactSystem(list(mass), none, none, vx.Harmonic(0 * mean, 1.0 / time, mean=mean), stops)
 
 
 @pytest.mark.parametrize(
@@ -53,12 +51,10 @@ def test_three_bodies():
 
 
 def test_beside_friction():
-    friction = {"friction": [vx.Friction(2, 1.0)]}
-    system = _row((0.1, 0.3), 0.3, 0.0)
-    mean = np.array([0.1, 0.3, 0.5])
-    none = np.zeros((3, 3))
-    load = vx.Harmonic(0 * mean, 1.0, mean=mean)
-    system = vx.ImpactSystem([1.0, 1.0, 1.0], none, none, load, system.stops, **friction)
+    """A third mass, away from the others, is held by friction."""
+    none, load = np.zeros((3, 3)), vx.Harmonic(np.zeros(3), 1.0, mean=[0.1, 0.3, 0.5])
+    stops = _row((0.1, 0.3), 0.3, 0.0).stops
+    system = vx.ImpactSystem([1.0] * 3, none, none, load, stops, friction=[vx.Friction(2, 1.0)])
     sol = vx.simulate(system, 0.0, 5.0, np.zeros(3), [0.0, -0.5, 0.0])
     assert int(sol.num_events) < _MOST
     np.testing.assert_allclose(sol.x1, [1.25, 3.75, 0.0], rtol=0, atol=1e-13)

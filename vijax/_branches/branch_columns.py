@@ -27,14 +27,14 @@ def dataset_of(
     if forth.end == EndKind.CLOSED and back.end in (EndKind.CLOSED, EndKind.MAX_POINTS, EndKind.INTERRUPTED):
         back = replace(back, points=[], end=EndKind.CLOSED)
     points = [*back.points[::-1], start, *forth.points]
-    cycle = stacked_cycles(points)
+    cycles = stacked_cycles(points)
     arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]
     columns = {
-        family.path: (("point",), cycle.found.place.p * family.span),
+        family.path: (("point",), cycles.found.place.p * family.span),
         "arclength": (("point",), np.array(arcs)),
-        **_columns_of_orbits(points, cycle, family),
-        **_columns_of_events(points, cycle, family.system.num_stops),
-        "start": (("point", "state"), cycle.found.place.z * family.scale),
+        **_columns_of_orbits(points, cycles, family),
+        **_columns_of_events(points, cycles, family.system.num_stops),
+        "start": (("point", "state"), cycles.found.place.z * family.scale),
     }
     attrs = {
         **attributes_of_system(family.system),
@@ -59,11 +59,11 @@ _with_phase = jax.jit(jax.vmap(with_phase))
 
 
 def _columns_of_orbits(
-    points: list[BranchPoint | PlainPoint], cycle: CorrectedCycle, family: ParameterFamily
+    points: list[BranchPoint | PlainPoint], cycles: CorrectedCycle, family: ParameterFamily
 ) -> dict[str, tuple]:
     """Columns with one entry for each point."""
-    x0, v0 = np.split(cycle.start, 2, axis=1)
-    multipliers = cycle.found.multipliers
+    x0, v0 = np.split(cycles.start, 2, axis=1)
+    multipliers = cycles.found.multipliers
     return {
         "x0": (("point", "mass"), x0),
         "v0": (("point", "mass"), v0),
@@ -73,8 +73,8 @@ def _columns_of_orbits(
             np.count_nonzero(~(np.abs(multipliers) < 1), axis=1) == num_of(family.drift),
         ),
         "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
-        "closest_gap": (("point", "stop"), cycle.watched.gap[:, : family.system.num_stops]),
-        "residual": (("point",), cycle.found.residual),
+        "closest_gap": (("point", "stop"), cycles.watched.gap[:, : family.system.num_stops]),
+        "residual": (("point",), cycles.found.residual),
         "bifurcation": (
             ("point",),
             np.array([public_kind(point.kind) for point in points]),
@@ -95,7 +95,7 @@ def _columns_of_peaks(points: list[BranchPoint | PlainPoint]) -> dict[str, tuple
 
 
 def _columns_of_events(
-    points: list[BranchPoint | PlainPoint], cycle: CorrectedCycle, num_stops: int
+    points: list[BranchPoint | PlainPoint], cycles: CorrectedCycle, num_stops: int
 ) -> dict[str, tuple]:
     """Columns with one entry for each event of each point, padded."""
     # Most points share the sequence of the one before, as the same object.
@@ -109,7 +109,7 @@ def _columns_of_events(
     stop = _rows([one.stop for one in own], room, -1)[which]
     held = _rows([one.held for one in own], room + 1, False)[which]
     is_impact = kind == IMPACT
-    events, found = ("point", "event"), cycle.found
+    events, found = ("point", "event"), cycles.found
     impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
     switching = {}
     if own[0].num_groups > 1:

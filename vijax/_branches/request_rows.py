@@ -74,9 +74,9 @@ def rows_of_steps(requests: Many[PlainSteps], room: int) -> Rows:
     )
     sequences, nan = padded_sequences([point.sequence for point in points], room), np.full(num, np.nan)
     whole = StepRequest(sequences, nan, np.full_like(places.z, np.nan), np.zeros(num, bool), limits)
-    cycle = stacked([point.cycle for point in points])
+    cycles = stacked([point.cycle for point in points])
     ds = np.array([request.ds for request in requests], float)
-    return Rows(pack(whole, has_rows=True), pack(cycle, has_rows=True), ds)
+    return Rows(pack(whole, has_rows=True), pack(cycles, has_rows=True), ds)
 
 
 def _has_events_of(one: Sequence, other: Sequence) -> bool:

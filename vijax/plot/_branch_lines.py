@@ -88,8 +88,9 @@ def _varied(branch: Branch) -> AnySystem:
 
 def _impacts(branch: Branch, points: xr.Dataset, stop: int) -> list[OrbitImpacts]:
     """The impacts of each orbit of a branch at a stop."""
-    is_still, path = system_of_points(points).stops[stop].motion is None, points.attrs["path"]
-    system = system_of_points(points) if is_still else _varied(branch)
+    system, path = system_of_points(points), points.attrs["path"]
+    is_still = system.stops[stop].motion is None
+    system = system if is_still else _varied(branch)
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
 
     def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
