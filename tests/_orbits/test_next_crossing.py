@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 
 import vijax as vx
 
@@ -102,3 +103,69 @@ def test_bad_input_is_refused_in_a_sentence():
         vx.next_crossing(system, *start, 1, 0.0, "left")
     with pytest.raises(vx.SimulationError, match="does not pass the place"):
         vx.next_crossing(system, *start, 1, 9.0, t1=20.0)
+
+
+def by_force_and_speed(y):
+    """Time at which a mass that friction slows passes 1."""
+    sliding = vx.ImpactSystem(
+        [1.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 1.0), friction=[vx.Friction(0, y[0])]
+    )
+    return vx.next_crossing(sliding, 0.0, [0.0], y[1:], 0, 1.0, t1=9.0)[0]
+
+
+@pytest.mark.thorough
+def test_friction_slows_a_mass_on_its_way_to_a_place():
+    """x = v t - f t^2 / 2, from 0."""
+    f, v = 0.3, 1.2
+    root = np.sqrt(v**2 - 2 * f)
+    t = (v - root) / f
+    at = jnp.array([f, v])
+    assert float(by_force_and_speed(at)) == pytest.approx(t, rel=1e-14)
+    expected = [t**2 / 2 / root, -t / root]
+    for derivative in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(derivative(by_force_and_speed)(at), expected, rtol=1e-13)
+
+
+@pytest.mark.thorough
+def test_friction_may_hold_a_mass_before_a_place():
+    with pytest.raises(RuntimeError, match="does not pass the place"):
+        by_force_and_speed(jnp.array([0.8, 1.2]))
+
+
+@pytest.mark.thorough
+def test_a_place_within_a_compliant_stop_is_passed_both_ways():
+    """Behind the stop at .2 the mass is on a spring: x = .2 + v / w sin w s, with the time s since the contact."""
+    stiffness, speed, place = 9.0, 1.5, 0.5
+    w = np.sqrt(stiffness)
+    stop = vx.CompliantStop(0, 0.2, "upper", stiffness, 0.0)
+    system = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 1.0), [stop])
+    up = vx.next_crossing(system, 0.0, [0.0], [speed], 0, place, t1=9.0)
+    down = vx.next_crossing(system, *up, 0, place, "down", t1=9.0)
+    first, since = 0.2 / speed, np.arcsin((place - 0.2) * w / speed) / w
+    assert float(up[0]) == pytest.approx(first + since, rel=1e-14)
+    assert float(down[0]) == pytest.approx(first + np.pi / w - since, rel=1e-14)
+    assert float(down[2][0]) == pytest.approx(-float(up[2][0]), rel=1e-14)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("mass", "place", "direction"), [(0, 0.1, "up"), (1, 0.35, "down"), (0, -0.4, "down")]
+)
+def test_passages_of_a_machine_of_all_kinds_are_those_of_its_motion(mass, place, direction):
+    limits = [vx.Stop(0, 0.3, "upper", 0.7), vx.CompliantStop(1, 0.3, "upper", 20.0, 0.1)]
+    chain = vx.chain([1.0, 1.2], [0.05] * 2, [1.0] * 2, vx.Harmonic([1.0, 0.0], 0.9), limits)
+    matrices = chain.mass, chain.damping, chain.stiffness, chain.forcing
+    system = vx.ImpactSystem(*matrices, chain.stops, friction=[vx.Friction(0, 0.1)])
+    start, t = ([0.1, 0.0], [0.3, 0.2]), np.linspace(0.0, 60.0, 20_001)
+    sol = vx.simulate(system, 0.0, 60.0, *start)
+    beyond = np.asarray(sol.evaluate(t)[0])[:, mass] - place
+    is_passed = (
+        (beyond[:-1] < 0) & (beyond[1:] >= 0) if direction == "up" else (beyond[:-1] > 0) & (beyond[1:] <= 0)
+    )
+    first = np.flatnonzero(is_passed)[0]
+    expected = scipy.optimize.brentq(
+        lambda s: float(sol.evaluate(s)[0][mass] - place), *t[first : first + 2], xtol=1e-15
+    )
+    found = vx.next_crossing(system, 0.0, *start, mass, place, direction, t1=60.0)
+    assert float(found[0]) == pytest.approx(expected, abs=1e-12)
+    np.testing.assert_allclose(found[2], sol.evaluate(expected)[1], atol=1e-11)

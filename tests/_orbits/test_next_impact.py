@@ -320,3 +320,21 @@ def test_of_a_machine_with_a_force_it_has_the_multipliers_of_the_stroboscopic_ma
     ours = multipliers(jax.jacfwd(lambda y: mapped(system, y, 0))(impact))
     strobe = np.linalg.eigvals(np.asarray(vx.monodromy_matrix(system, sol.x1, sol.v1)))
     np.testing.assert_allclose(ours, np.sort_complex(strobe), rtol=0, atol=SOLVER)
+
+
+@pytest.mark.thorough
+def test_a_slider_starts_where_it_does_in_simulate():
+    """From 0 at the speed 2 on a spring of 4 up to its limit 1 at x = .25, then against the force 1 up to the stop at .6."""
+    limits = [vx.Stop(0, 0.6, "upper", 0.7)], [vx.Jenkins(0, 4.0, 1.0)]
+    system = vx.ImpactSystem(
+        [1.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 1.0), limits[0], hysteresis=limits[1]
+    )
+    speed = np.sqrt(4.0 - 0.25)
+    expected = np.arcsin(0.25) / 2 + speed - np.sqrt(speed**2 - 0.7)
+    for t, x, v in (
+        vx.next_impact(system, 0.0, [0.0], [2.0], stop=0, t1=9.0),
+        vx.next_crossing(system, 0.0, [0.0], [2.0], mass=0, position=0.6 - 1e-15, t1=9.0),
+    ):
+        assert float(t) == pytest.approx(expected, rel=1e-13)
+        assert x.shape == v.shape == (2,)
+        assert float(v[0]) == pytest.approx(np.sqrt(speed**2 - 0.7), rel=1e-13)

@@ -23,7 +23,7 @@ from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.checks import FINITE, check_one, check_shape, validate_start
 from .._system.contact import AbstractRigidLimit, Contact
 from .._system.restitution import restitution_of_contacts
-from .._system.system import AnySystem, ImpactSystem, machine_of, refuse_switching, with_args
+from .._system.system import AnySystem, ImpactSystem, machine_of, with_args
 from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
 from .._trajectory.results import RESULTS, result_sentences
 from .._trajectory.simulate import bound_of_steps, warn_about_reverse_steps
@@ -75,7 +75,7 @@ def next_crossing(
         throw: raise if there is no such passage; otherwise time, state and their derivatives are NaN.
 
     Returns:
-        Time, positions, (n,), and velocities, (n,).
+        Time, positions, (n,), and velocities, (n,); with Jenkins elements those of their sliders behind them.
 
     Raises:
         ValueError: if there is no such mass or direction, no `t1` for a load without a frequency, or a wrong start: see
@@ -94,7 +94,6 @@ def next_crossing(
     """
     warn_about_reverse_steps(max_reverse_steps)
     system = machine_of(system)
-    refuse_switching("next_crossing", system)
     bound, n = with_args(system, args), system.num_masses
     index = whole_number("mass", mass)
     if index >= n:
@@ -103,7 +102,9 @@ def next_crossing(
         raise ValueError(f'Argument `direction` must be "up" or "down", but is {direction!r}.')
     begin, x, v, place = (as_float(a) for a in (t0, x0, v0, position))
     end = default_end_time(bound, begin) if t1 is None else as_float(t1)
-    shapes = {"t0": (), "t1": (), "position": (), "x0": (n,), "v0": (n,)}
+    x, v = bound.start_of(x, v)
+    whole = (bound.num_coordinates,)
+    shapes = {"t0": (), "t1": (), "position": (), "x0": whole, "v0": whole}
     for (name, shape), value in zip(shapes.items(), (begin, end, place, x, v), strict=True):
         check_shape(name, value, shape)
     check_one("position", place, FINITE)

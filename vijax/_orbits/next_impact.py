@@ -73,7 +73,7 @@ def next_impact(
             batch does not change the other lanes.
 
     Returns:
-        Time, positions, (n,), and velocities just before the impact, (n,).
+        Time, positions, (n,), and velocities just before the impact, (n,); with Jenkins elements those of their sliders behind them.
 
     Raises:
         ValueError: if there is no such stop, no `t1` for a load without a frequency, or the start is wrong, see
@@ -91,9 +91,10 @@ def next_impact(
         Wagg & Bishop (2004), Sec. 2.2; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
     """
     system = machine_of(system)
-    bound, n = with_args(system, args), system.num_masses
+    bound, n = with_args(system, args), system.num_coordinates
     warn_about_reverse_steps(max_reverse_steps)
     begin, x, v = (as_float(a) for a in (t0, x0, v0))
+    x, v = bound.start_of(x, v)
     end = default_end_time(bound, begin) if t1 is None else as_float(t1)
     for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
         check_shape(name, value, shape)
