@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
 import pytest
+import scipy.optimize
 import scipy.stats
 from combinations import FREQUENCY, KINDS, POSITION
 
@@ -25,6 +26,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "combinations.md"
 # Errors of a step with a force, of a trajectory, and of what Newton's method finds.
 STEP, ROUNDING, FOUND = 1e-12, 1e-10, 1e-9
 QUIET = {"progress": False}
+# A position that the mass passes.
+PLACE = -0.05
 # Bounds within which the orbit doubles its period, and loses its impact.
 BOUNDS = 2.1, 2.5
 
@@ -129,6 +132,22 @@ def ask_ensemble(asked):
     for k in range(4):
         twin = asked.twin_run(10.0, position=float(found[asked.kind.position][k]))
         close(found.xs.values[k, -1, : asked.num_masses], twin.x1)
+
+
+def ask_maps(asked):
+    rest = np.zeros(asked.num_masses)
+    twin = asked.twin_run(20.0)
+    is_hit = (np.asarray(twin.events.kind) == vx.IMPACT) & (np.asarray(twin.events.stop) == 0)
+    for number in (1, 2):
+        t, _, v = vx.next_impact(asked.machine, 0.0, rest, rest, 0, number, t1=20.0)
+        k = np.flatnonzero(is_hit)[number - 1]
+        close([t, v[0]], [twin.events.t[k], twin.events.velocity_minus[k]])
+    ts = np.linspace(0.0, 20.0, 2001)
+    is_above = np.asarray(twin.evaluate(ts)[0])[:, 0] > PLACE
+    k = np.flatnonzero(is_above[:-1] & ~is_above[1:])[0]
+    passed = scipy.optimize.brentq(lambda t: twin.evaluate(t)[0][0] - PLACE, *ts[k : k + 2], xtol=1e-14)
+    t, _, v = vx.next_crossing(asked.machine, 0.0, rest, rest, 0, PLACE, "down", t1=20.0)
+    close([t, v[0]], [passed, twin.evaluate(passed)[1][0]])
 
 
 def ask_exponents(asked):
@@ -237,6 +256,7 @@ COLUMNS = {
     "sweep": ask_sweep,
     "duration=": ask_duration,
     "ensemble": ask_ensemble,
+    "maps": ask_maps,
     "exponents": ask_exponents,
     "orbit": ask_orbit,
     "search": ask_search,
