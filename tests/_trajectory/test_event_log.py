@@ -38,7 +38,7 @@ def test_a_log_grows_with_the_motion_unless_its_length_is_given():
     assert vx.simulate(machine, 0.0, 9.0).events.t.shape == (1024,)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_log_grows_with_the_motion_of_a_machine_of_several_kinds():
     stops = [vx.CompliantStop(0, 0.5, "upper", 40.0, 0.5), vx.Stop(0, -0.5, "lower", 0.8)]
     load, rubs = vx.Harmonic([2.0], 1.3), [vx.Friction(0, 0.1)]

@@ -62,7 +62,7 @@ def test_a_spring_by_force_and_by_stiffness_move_alike_whatever_the_unit_of_time
     assert int(ours.num_steps) <= 1.2 * int(vx.simulate(machine(0.6), 0.0, 60.0).num_steps)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_parametric_terms_of_no_depth_change_nothing():
     terms = vx.Parametric(stiffness=[[[0.0]]])
     ours, theirs = (vx.simulate(machine(0.0, **more), 0.0, 60.0) for more in ({"parametric": terms}, {}))

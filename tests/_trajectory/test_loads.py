@@ -121,8 +121,8 @@ def table_of(*waves, until: float = 80.0) -> vx.Tabulated:
     return vx.Tabulated(np.array(knots)[is_new], total[is_new])
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("t0", [pytest.param(0.0, marks=pytest.mark.slow), 5.3])
+@pytest.mark.slow
+@pytest.mark.parametrize("t0", [0.0, 5.3])
 def test_loads_of_any_frequencies_add_up(t0: float):
     wave, other = vx.Waveform(*WAVE), vx.Waveform(*OTHER)
     same, faster = vx.Harmonic([0.5], 0.8), vx.Harmonic([0.5], 1.37)
@@ -182,12 +182,12 @@ def _end(system, t1):
     return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:1]])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("end", "given"),
     [
         (_end_by, ([[0.3], [1.0], [-2.0], [0.7], [1.4], [-0.2]], [0.5, 1.0, 2.2, 3.1, 4.0, 9.0])),
-        pytest.param(_end_by_wave, ([0.2, 3.0], [[1.0], [-1.0]], 0.8), marks=pytest.mark.slow),
+        (_end_by_wave, ([0.2, 3.0], [[1.0], [-1.0]], 0.8)),
     ],
     ids=["table", "wave form"],
 )

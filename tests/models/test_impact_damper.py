@@ -72,7 +72,7 @@ def test_the_ends_of_an_impact_damper_keep_the_momentum():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("w", [0.98, 1.0])
+@pytest.mark.parametrize("w", [pytest.param(0.98, marks=pytest.mark.slow), 1.0])
 def test_an_impact_damper_that_is_hit_as_periods_end_repeats_after_one(w):
     phase, x, v, _ = symmetric(w, 0.1, **DAMPER)
     system = vx.models.impact_damper(w, 0.1, phase=phase, **DAMPER)

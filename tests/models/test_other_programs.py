@@ -168,7 +168,7 @@ def test_a_brake_stops_a_mass():
     np.testing.assert_allclose(sol.events.t[0], 1.1, rtol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_plastic_bar_under_a_sudden_force():
     """ANSYS Mechanical APDL Verification Manual, VM80: a bar that yields, with a weight at its end, suddenly loaded."""
     stiffness, limit, force, mass = 30e6 * 0.278 / 100.0, 162.9e3 * 0.278, 30e3, 25.9067

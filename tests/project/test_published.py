@@ -21,7 +21,7 @@ PAGE = (ROOT / "docs/explanation/published.md").read_text()
 
 
 # Their programs take long to compile.
-LARGE = ("beam", "bead_column", "rods", "tang", "mehta_luck", "weidemann")
+LARGE = ("beam", "bead_column", "rods", "tang", "mehta_luck", "weidemann", "code_aster")
 
 
 @pytest.mark.parametrize(
