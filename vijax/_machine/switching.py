@@ -292,11 +292,14 @@ class SwitchingContacts(Contacts):
         return with_derivative_of(jnp.where(is_zero, 0, found), found)
 
     def inertia_among(self, members: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
-        """G_H^-1 of the members, with the friction that they bring along."""
+        """G_H^-1 of the members, with the friction that they bring along; no element reaches another that does not press on it."""
         if self.drag is None:
-            return Contacts.inertia_among(self, members)
-        along = matrix_product(self.compliance, self.drag)
-        return inverse_of_block(along, members, diagonal(self.compliance))
+            along, inertia = self.compliance, Contacts.inertia_among(self, members)
+        else:
+            along = matrix_product(self.compliance, self.drag)
+            inertia = inverse_of_block(along, members, diagonal(self.compliance))
+        # Errors of a matrix change its inverse by the inverse times them times the inverse.
+        return self._without_rounding(inertia, inertia, matrix_product(jnp.abs(along), jnp.abs(inertia)))
 
     def is_redundant(self, hold: Hold) -> Bool[Array, "contacts ..."]:
         """Flags of contacts that hold but whose row depends on other held ones."""
