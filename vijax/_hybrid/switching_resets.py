@@ -333,7 +333,10 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     slips = jnp.where(found.kept, SATURATED, 1) * found.act
     direction = jnp.where(elements & friction, slips, mode.direction).astype(jnp.int8)
     paradox = None if mode.paradox is None else mode.paradox | found.is_paradox
+    moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3))
+    # The force of a damper vanishes to one order less than the depth.
     begins = jnp.where(found.held, found.begins[1], mode.begins)
+    begins = jnp.where(yields, jnp.where(contacts.laws.preload == 0, moves - 1, jnp.int8(0)), begins)
     mode = Mode(mode.closed | yields, mode.inside, direction, begins, paradox)
     state = eqx.tree_at(lambda s: s.mode, state, mode)
     held = state.held | found.held
@@ -347,7 +350,7 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     )
     gap = jnp.where((held | found.kept) & ~friction, 0, state.gap)
     # The guard of friction is a velocity, and vanishes to one order less than a gap.
-    moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3)) - friction.astype(jnp.int8)
+    moves = moves - friction.astype(jnp.int8)
     # Nor does one that holds give way at once: what is zero of its room is no event. Both rooms may have one guard.
     first, second = found.begins
     holds = jnp.maximum(first, second) if has_one_guard(machine) else first

@@ -166,14 +166,20 @@ class SwitchingContacts(Contacts):
         way = self._by(self.inertia_among(at_place), lack)
         v = v - self.inverse_mass_times(jnp.sum(damping * way[None], axis=1))
         lack = jnp.where(held, self.speeds(v, rate), 0)
-        return x + way, after_loss(v, self._by(self.inertia_among(held), lack))
+        return x + way, self._after_loss_of(v, held, lack)
 
     def without_speeds(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Velocities without approach or sliding of flagged elements, nearest to v in the metric of M."""
         lack = jnp.where(flags, self.speeds(v, phase_rate), 0)
-        return after_loss(v, self._by(self.inertia_among(flags), lack))
+        return self._after_loss_of(v, flags, lack)
+
+    def _after_loss_of(self, v: Array, members: Array, lack: Array) -> Float[Array, "n ..."]:
+        """Velocities after the impulses of the members that take away their speeds `lack`."""
+        inertia, rows = self.inertia_among(members), jnp.abs(jnp.swapaxes(self.rows, 0, 1))
+        sizes = self.sizes_dragged(matvec(jnp.abs(inertia), jnp.abs(lack)))
+        return after_loss(v, self._by(inertia, lack), self.inverse_mass_size(matvec(rows, sizes)))
 
     def third_rest(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Bound of the third Taylor coefficient of the gaps, from that of the positions."""
