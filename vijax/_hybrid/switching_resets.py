@@ -290,13 +290,21 @@ def _compliant_switched(
     speed: Float[Array, "contacts ..."],
 ) -> tuple[State, Bool[Array, "contacts ..."]]:
     """State with compliant contacts closed and opened, and flags of those now at d = 0."""
-    compliant, mode = machine.contacts.are(COMPLIANT), state.mode
+    contacts, mode = machine.contacts, state.mode
+    compliant, laws = contacts.are(COMPLIANT), contacts.laws
     is_free = compliant & (~state.held | is_set_off)
-    at_limit = is_free & (events.first | is_set_off | (state.gap == 0))
+    # What is left at this instant opens with it, as where another contact hands on the force that it takes from this one.
+    place, rate = contacts.size(jnp.abs(state.x)) + jnp.abs(contacts.limit), contacts.size(jnp.abs(state.v))
+    size = laws.preload + laws.stiffness * place + laws.damping * rate
+    leaves = mode.closed & (speed < 0)
+    ends = leaves & _is_rounding(_spring_force(machine, state.gap, speed), size)
+    at_limit = is_free & (
+        events.first | is_set_off | (state.gap == 0) | leaves & _is_rounding(state.gap, place)
+    )
     gap = jnp.where(at_limit, 0, state.gap)
     enters = at_limit & (speed > 0)
     past = jnp.where(at_limit, enters, mode.closed | mode.inside)
-    changes = is_free & events.second & ~at_limit
+    changes = is_free & (events.second | ends) & ~at_limit
     pushes = _spring_force(machine, gap, speed) > 0
     closed = jnp.where(changes, mode.inside, pushes)
     closed = compliant & past & (enters | closed)
