@@ -6,7 +6,12 @@ import pytest
 import vijax as vx
 
 # Units of mass, length and time that alter every digit.
-UNITS = [(1.0, 1.0, 1.0), (20.455513, 0.433308, 1.578973), (2.35377, 0.109746, 22.883691), (3.0, 1 / 7, 1 / 3)]
+UNITS = [
+    (1.0, 1.0, 1.0),
+    (20.455513, 0.433308, 1.578973),
+    (2.35377, 0.109746, 22.883691),
+    (3.0, 1 / 7, 1 / 3),
+]
 
 
 @pytest.mark.parametrize("units", UNITS)
