@@ -86,7 +86,7 @@ def play(
     start = time.process_time()
     failures, compared = check_motions(shape, numbers, rng)
     if number % 4 == 0:
-        failures += check_alone(shape, numbers, list(rng.integers(machines, size=ALONE)))
+        failures += check_alone(shape, numbers, rng.integers(machines, size=ALONE).tolist())
     has_orbits = number < TOUCHING
     orbits = settled_orbits(shape, numbers, list(range(min(machines, ORBITS) if has_orbits else 0)))
     failures += check_orbits(shape, numbers, orbits)

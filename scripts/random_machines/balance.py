@@ -40,7 +40,7 @@ class _Part(NamedTuple):
         return np.tensordot(WEIGHTS / 2, a[1:-1], axes=1)
 
 
-class _Forces(NamedTuple):
+class Forces(NamedTuple):
     """Unknown means of forces: their directions, least and largest, and bounds by other ones, rows <= 0."""
 
     directions: list[np.ndarray]
@@ -90,7 +90,7 @@ def _parts(shape: Shape, a: dict, whole: Run, rng: np.random.Generator) -> tuple
         chosen = np.sort(rng.permutation(long)[:PARTS])
         length = np.diff(marks)[chosen]
         margin = 1e-3 * length
-        most = np.minimum(period / 16, 1 / _fastest(shape, own_numbers(a, k)))
+        most = np.minimum(period / 16, 1 / fastest(shape, own_numbers(a, k)))
         start = marks[chosen] + margin + (length - 2 * margin) * rng.uniform(0.0, 0.5, len(chosen))
         found[0, k, :, 0] = found[1, k, :, 0] = marks[-1]
         found[0, k, : len(chosen), 0] = start
@@ -98,7 +98,7 @@ def _parts(shape: Shape, a: dict, whole: Run, rng: np.random.Generator) -> tuple
     return found[0], found[1]
 
 
-def _fastest(shape: Shape, own: dict) -> float:
+def fastest(shape: Shape, own: dict) -> float:
     """Bound on the rates of a motion."""
     stiffness, damping = np.abs(own["stiffness"]).sum(), np.abs(own["damping"]).sum()
     for name in ("cushion", "buffer"):
@@ -116,7 +116,7 @@ def _lack(shape: Shape, own: dict, part: _Part) -> float:
     """What no forces that the laws allow explain, in units of the tolerance; infinite if an element breaks its law."""
     mass, span = matrices(shape, own["mass"]), part.ts[-1] - part.ts[0]
     smooth = smooth_forces(shape, own, part.ts, part.x, part.v)
-    unknown = _Forces([], [], [])
+    unknown = Forces([], [], [])
     pressing, pressed = _contacts(shape, own, part, unknown)
     of_sliders = _of_sliders(shape, own, part)
     if of_sliders is None or not _friction(shape, own, part, unknown, pressing):
@@ -126,7 +126,7 @@ def _lack(shape: Shape, own: dict, part: _Part) -> float:
     rest = inertia - part.mean(smooth)
     sizes = np.abs(inertia) + part.mean(np.abs(smooth)) + part.mean(np.abs(part.x) @ np.abs(own["stiffness"]))
     rounding = np.abs(mass) @ np.abs(part.v).max(axis=0) / span
-    return _distance(rest, unknown, OF_BALANCE * sizes + 1e-4 * OF_BALANCE * rounding)
+    return distance(rest, unknown, OF_BALANCE * sizes + 1e-4 * OF_BALANCE * rounding)
 
 
 def _of_sliders(shape: Shape, own: dict, part: _Part) -> np.ndarray | None:
@@ -147,12 +147,12 @@ def _of_sliders(shape: Shape, own: dict, part: _Part) -> np.ndarray | None:
 
 
 def _contacts(
-    shape: Shape, own: dict, part: _Part, unknown: _Forces
+    shape: Shape, own: dict, part: _Part, unknown: Forces
 ) -> tuple[list[int | np.ndarray | None], np.ndarray]:
     """Of each contact the number of its unknown force, its known force, or None where it is open; the sum of known ones."""
     pressing: list[int | np.ndarray | None] = []
     pressed, scale = np.zeros_like(part.x), ZERO * (np.abs(part.x).max() + 1e-3)
-    for direction, gap in _rigid(shape, own, part):
+    for direction, gap in rigid_contacts(shape, own, part.ts, part.x):
         is_closed = np.abs(gap).max() <= scale
         pressing.append(unknown.add(-direction, 0.0, np.inf) if is_closed else None)
     for name, direction, place, j in _soft(shape, own):
@@ -168,18 +168,20 @@ def _contacts(
     return pressing, pressed
 
 
-def _rigid(shape: Shape, own: dict, part: _Part) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Direction and gaps of each rigid stop and contact."""
+def rigid_contacts(
+    shape: Shape, own: dict, ts: np.ndarray, x: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Direction and gaps of each rigid stop and contact, at times and places, (times, masses)."""
     found = []
     for j, (i, side) in enumerate(shape.stops):
         sign = 1.0 if side == "upper" else -1.0
         wall = sign * own["position"][j]
         if shape.is_moving and j == 0:
-            wall = wall + own["travel"] * np.cos(own["frequency"] * part.ts)
-        found.append((sign * coefficients((i,), shape.masses), sign * (wall - part.x[:, i])))
+            wall = wall + own["travel"] * np.cos(own["frequency"] * ts)
+        found.append((sign * coefficients((i,), shape.masses), sign * (wall - x[:, i])))
     for j, row in enumerate(shape.contacts):
         direction = coefficients(row, shape.masses)
-        found.append((direction, own["distance"][j] - part.x @ direction))
+        found.append((direction, own["distance"][j] - x @ direction))
     return found
 
 
@@ -195,7 +197,7 @@ def _soft(shape: Shape, own: dict) -> list[tuple[str, np.ndarray, float, int]]:
 
 
 def _friction(
-    shape: Shape, own: dict, part: _Part, unknown: _Forces, pressing: list[int | np.ndarray | None]
+    shape: Shape, own: dict, part: _Part, unknown: Forces, pressing: list[int | np.ndarray | None]
 ) -> bool:
     """Add the forces of friction; False if an element turned between two events."""
     scale = ZERO * (np.abs(part.v).max() + 1e-3)
@@ -233,7 +235,7 @@ def _slip(speed: np.ndarray, scale: float) -> float | None:
     return None if is_forward and is_back else float(is_forward) - float(is_back)
 
 
-def _distance(rest: np.ndarray, unknown: _Forces, tolerance: np.ndarray) -> float:
+def distance(rest: np.ndarray, unknown: Forces, tolerance: np.ndarray) -> float:
     """Least s for which forces within their bounds leave s times the tolerance of the rest, in each component."""
     unit = float(tolerance.max())
     if not unit > 0:

@@ -8,6 +8,7 @@ import vijax as vx
 
 from .balance import balance_faults
 from .compared import Compared
+from .impacts import impact_faults
 from .laws import gaps, law_faults, momentum_faults
 from .machines import machine, own_numbers
 from .other_ways import (
@@ -68,6 +69,7 @@ def check_motions(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list
         failures += own.faults("knot at an event", knotted.xs, knotted.vs)
     failures += _of_elements(own, rng)
     failures += balance_faults(shape, a, whole, rng)
+    failures += impact_faults(shape, a, whole, np.random.default_rng([len(begin), shape.masses]))
     return failures, int(own.is_fair.sum())
 
 

@@ -290,13 +290,21 @@ def _compliant_switched(
     speed: Float[Array, "contacts ..."],
 ) -> tuple[State, Bool[Array, "contacts ..."]]:
     """State with compliant contacts closed and opened, and flags of those now at d = 0."""
-    compliant, mode = machine.contacts.are(COMPLIANT), state.mode
+    contacts, mode = machine.contacts, state.mode
+    compliant, laws = contacts.are(COMPLIANT), contacts.laws
     is_free = compliant & (~state.held | is_set_off)
-    at_limit = is_free & (events.first | is_set_off | (state.gap == 0))
+    # What is left at this instant opens with it, as where another contact hands on the force that it takes from this one.
+    place, rate = contacts.size(jnp.abs(state.x)) + jnp.abs(contacts.limit), contacts.size(jnp.abs(state.v))
+    size = laws.preload + laws.stiffness * place + laws.damping * rate
+    leaves = mode.closed & (speed < 0)
+    ends = leaves & _is_rounding(_spring_force(machine, state.gap, speed), size)
+    at_limit = is_free & (
+        events.first | is_set_off | (state.gap == 0) | leaves & _is_rounding(state.gap, place)
+    )
     gap = jnp.where(at_limit, 0, state.gap)
     enters = at_limit & (speed > 0)
     past = jnp.where(at_limit, enters, mode.closed | mode.inside)
-    changes = is_free & events.second & ~at_limit
+    changes = is_free & (events.second | ends) & ~at_limit
     pushes = _spring_force(machine, gap, speed) > 0
     closed = jnp.where(changes, mode.inside, pushes)
     closed = compliant & past & (enters | closed)
@@ -333,7 +341,10 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     slips = jnp.where(found.kept, SATURATED, 1) * found.act
     direction = jnp.where(elements & friction, slips, mode.direction).astype(jnp.int8)
     paradox = None if mode.paradox is None else mode.paradox | found.is_paradox
+    moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3))
+    # The force of a damper vanishes to one order less than the depth.
     begins = jnp.where(found.held, found.begins[1], mode.begins)
+    begins = jnp.where(yields, jnp.where(contacts.laws.preload == 0, moves - 1, jnp.int8(0)), begins)
     mode = Mode(mode.closed | yields, mode.inside, direction, begins, paradox)
     state = eqx.tree_at(lambda s: s.mode, state, mode)
     held = state.held | found.held
@@ -347,7 +358,7 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     )
     gap = jnp.where((held | found.kept) & ~friction, 0, state.gap)
     # The guard of friction is a velocity, and vanishes to one order less than a gap.
-    moves = jnp.where(found.jumps, jnp.int8(2), jnp.int8(3)) - friction.astype(jnp.int8)
+    moves = moves - friction.astype(jnp.int8)
     # Nor does one that holds give way at once: what is zero of its room is no event. Both rooms may have one guard.
     first, second = found.begins
     holds = jnp.maximum(first, second) if has_one_guard(machine) else first

@@ -53,13 +53,15 @@ class Hold(eqx.Module):
     drive: Waves | None
 
 
-def after_loss(v: Float[Array, "n ..."], loss: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-    """Velocities after a loss, exactly zero where they lose all but rounding.
+def after_loss(
+    v: Float[Array, "n ..."], loss: Float[Array, "n ..."], size: Float[Array, "n ..."] | float = 0.0
+) -> Float[Array, "n ..."]:
+    """Velocities after a loss, exactly zero where they lose all but rounding; `size` bounds the terms of the loss.
 
     What is left of a mass that comes to rest would be, where no force acts on it, a motion of its own, of any smallness.
     """
     left = v - loss
-    is_zero = jnp.abs(left) <= 16 * float(jnp.finfo(v.dtype).eps) * jnp.abs(v)
+    is_zero = jnp.abs(left) <= 16 * float(jnp.finfo(v.dtype).eps) * (jnp.abs(v) + size)
     return with_derivative_of(jnp.where(is_zero, 0, left), left)
 
 

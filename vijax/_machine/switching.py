@@ -166,14 +166,20 @@ class SwitchingContacts(Contacts):
         way = self._by(self.inertia_among(at_place), lack)
         v = v - self.inverse_mass_times(jnp.sum(damping * way[None], axis=1))
         lack = jnp.where(held, self.speeds(v, rate), 0)
-        return x + way, after_loss(v, self._by(self.inertia_among(held), lack))
+        return x + way, self._after_loss_of(v, held, lack)
 
     def without_speeds(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Velocities without approach or sliding of flagged elements, nearest to v in the metric of M."""
         lack = jnp.where(flags, self.speeds(v, phase_rate), 0)
-        return after_loss(v, self._by(self.inertia_among(flags), lack))
+        return self._after_loss_of(v, flags, lack)
+
+    def _after_loss_of(self, v: Array, members: Array, lack: Array) -> Float[Array, "n ..."]:
+        """Velocities after the impulses of the members that take away their speeds `lack`."""
+        inertia, rows = self.inertia_among(members), jnp.abs(jnp.swapaxes(self.rows, 0, 1))
+        sizes = self.sizes_dragged(matvec(jnp.abs(inertia), jnp.abs(lack)))
+        return after_loss(v, self._by(inertia, lack), self.inverse_mass_size(matvec(rows, sizes)))
 
     def third_rest(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """Bound of the third Taylor coefficient of the gaps, from that of the positions."""
@@ -292,11 +298,16 @@ class SwitchingContacts(Contacts):
         return with_derivative_of(jnp.where(is_zero, 0, found), found)
 
     def inertia_among(self, members: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
-        """G_H^-1 of the members, with the friction that they bring along."""
+        """G_H^-1 of the members, with the friction that they bring along; no element reaches another that does not press on it."""
         if self.drag is None:
-            return Contacts.inertia_among(self, members)
-        along = matrix_product(self.compliance, self.drag)
-        return inverse_of_block(along, members, diagonal(self.compliance))
+            along, inertia = self.compliance, Contacts.inertia_among(self, members)
+        else:
+            along = matrix_product(self.compliance, self.drag)
+            inertia = inverse_of_block(along, members, diagonal(self.compliance))
+        # Errors of a matrix change its inverse by the inverse times them times the inverse. Rows that are nearly dependent, as of masses
+        # of very different size, have a large one: the bound is less than that by which dependent rows are told.
+        errors = matrix_product(jnp.abs(along), jnp.abs(inertia)) / 16
+        return self._without_rounding(inertia, inertia, errors)
 
     def is_redundant(self, hold: Hold) -> Bool[Array, "contacts ..."]:
         """Flags of contacts that hold but whose row depends on other held ones."""
