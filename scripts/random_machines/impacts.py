@@ -6,6 +6,7 @@ speed of its restitution, or faster where it does not push; friction of a contac
 slip. Whether such impulses exist is a linear program, as in `balance.py`. Without friction the log tells the loss of energy as well.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -180,15 +181,15 @@ def _add_friction(
     for j, (row, contact) in enumerate(shape.rubs):
         if contact >= len(total) or (total[contact] == 0 and contact not in numbers):
             continue
-        direction, coefficient = coefficients(row, shape.masses), own["coefficient"][j]
-        slip = direction @ impact.after
+        direction, coefficient = coefficients(row, shape.masses), float(own["coefficient"][j])
+        slip = float(direction @ impact.after)
         force = unknown.add(-direction, -np.inf, np.inf)
         pushed = unknown.add(0 * direction, total[contact], total[contact])
         pushes = [pushed, numbers[contact]] if contact in numbers else [pushed]
         for side in (1.0, -1.0):
             unknown.rows.append({force: side, **dict.fromkeys(pushes, -coefficient)})
         if is_single and abs(slip) > ZERO * speed:
-            unknown.rows.append({force: -np.sign(slip), **dict.fromkeys(pushes, coefficient)})
+            unknown.rows.append({force: -math.copysign(1.0, slip), **dict.fromkeys(pushes, coefficient)})
 
 
 def _speeds_of_walls(shape: Shape, own: dict, t: float) -> np.ndarray:
