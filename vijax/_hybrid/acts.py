@@ -46,14 +46,14 @@ class _Trials(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Search among sets of acts: the number of turns, the last set begun with, the next one, and the best so far."""
+    """Search among sets of acts: the number of turns, the last set begun with, the next one, the best so far, and the trials of many."""
 
     turn: Int[Array, ""]
     start: Int[Array, "contacts ..."]
     acts: Int[Array, "contacts ..."]
     is_last: Bool[Array, "..."]
     best: tuple[Judged, Int[Array, "contacts ..."]]
-    trials: _Trials
+    trials: _Trials | None
 
 
 def search_acts(
@@ -78,11 +78,12 @@ def search_acts(
         has_two: flags of elements that have the acts 0 and -1 alone; none if left out.
     """
     count = jnp.sum(elements, axis=0)
-    is_listed = count <= enumerated
+    # Of a machine with so few elements all sets are always tried: what is for more is left out of its program.
+    is_few, is_listed = len(elements) <= enumerated, count <= enumerated
 
     def goes_on(carry: _Search) -> Array:
         is_over = (carry.best[0].score >= most) | carry.is_last
-        return is_any(~is_over & (is_listed | (carry.turn < _STARTS * _PIVOTS)))
+        return is_any(~is_over if is_few else ~is_over & (is_listed | (carry.turn < _STARTS * _PIVOTS)))
 
     def turned(carry: _Search) -> _Search:
         found = judge(carry.acts)
@@ -92,6 +93,10 @@ def search_acts(
         following, is_last = _next_set(elements, carry.start, has_two)
         changes = found.proposed != carry.acts
         is_first = (turn <= _FIRST_PIVOTS) & jnp.all(carry.start == first, axis=0) & jnp.any(changes, axis=0)
+        if is_few:
+            acts = jnp.where(changes, found.proposed, carry.acts)
+            start, acts = (jnp.where(is_first, a, following) for a in (carry.start, acts))
+            return _Search(turn, start, acts, carry.is_last | (~is_first & is_last), best, None)
         starts_anew = jnp.where(is_listed, ~is_first, turn % _PIVOTS == 0)
         start = jnp.where(starts_anew, following, carry.start)
         first_change = changes & (jnp.cumsum(changes, axis=0) == 1)
@@ -99,6 +104,7 @@ def search_acts(
         pivoted = jnp.where(jnp.where(is_single, first_change, changes), found.proposed, carry.acts)
         is_last = is_listed & starts_anew & is_last
         acts, is_found = jnp.where(starts_anew, start, pivoted), ~is_listed & (best[0].score >= 0)
+        assert carry.trials is not None
         trials, held_again = _held_again(elements, carry.trials, found, best[1])
         trials = jax.tree.map(lambda a, b: jnp.where(is_found, a, b), trials, carry.trials)
         acts = jnp.where(is_found, held_again, acts)
@@ -108,7 +114,8 @@ def search_acts(
     lowest = jnp.full_like(count, 2 * len(elements) * CONFLICT)
     none, nowhere = jnp.zeros_like(elements), jnp.zeros_like(count, bool)
     begun = Judged(lowest, first, nothing), first
-    search = _Search(jnp.array(0), first, first, nowhere, begun, _Trials(none, none, jnp.zeros_like(count)))
+    trials = None if is_few else _Trials(none, none, jnp.zeros_like(count))
+    search = _Search(jnp.array(0), first, first, nowhere, begun, trials)
     return jax.lax.while_loop(goes_on, turned, search).best[0]
 
 

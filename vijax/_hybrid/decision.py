@@ -86,9 +86,6 @@ def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
     """Decide what the elements at rest do; in `state.mode` they have no part."""
     machine, state = stop_gradients((machine, state))
     elements, is_tied = at_rest.elements, machine.has_tied_friction
-    # The rounding that is left of their speeds presses and pulls nothing.
-    v = machine.contacts.without_speeds(state.v, elements, machine.phase_rate(state.phase))
-    state = eqx.tree_at(lambda s: s.v, state, v)
     most = jnp.sum(jnp.where(elements, _worth(machine), 0), axis=0)
     still = jnp.zeros_like(at_rest.at_bound)
     nothing = no_decision(at_rest)

@@ -387,6 +387,9 @@ def _decided_with(
         last, among, is_found, count = carry
         among = jnp.where(is_found, among, at_rest.elements | (lightest & (count == 0)))
         without = _without(state, among)
+        # The rounding that is left of their speeds presses and pulls nothing.
+        v = machine.contacts.without_speeds(state.v, among, machine.phase_rate(state.phase))
+        without = eqx.tree_at(lambda s: s.v, without, v)
         found = decide(machine, without, AtRest(among, at_rest.at_bound))
         ends = (
             ~jnp.any(lightest, axis=0)

@@ -54,14 +54,15 @@ class Hold(eqx.Module):
 
 
 def after_loss(
-    v: Float[Array, "n ..."], loss: Float[Array, "n ..."], size: Float[Array, "n ..."] | float = 0.0
+    v: Float[Array, "n ..."], loss: Float[Array, "n ..."], size: Float[Array, "n ..."] | None = None
 ) -> Float[Array, "n ..."]:
     """Velocities after a loss, exactly zero where they lose all but rounding; `size` bounds the terms of the loss.
 
     What is left of a mass that comes to rest would be, where no force acts on it, a motion of its own, of any smallness.
     """
     left = v - loss
-    is_zero = jnp.abs(left) <= 16 * float(jnp.finfo(v.dtype).eps) * (jnp.abs(v) + size)
+    most = jnp.abs(v) if size is None else jnp.abs(v) + size
+    is_zero = jnp.abs(left) <= 16 * float(jnp.finfo(v.dtype).eps) * most
     return with_derivative_of(jnp.where(is_zero, 0, left), left)
 
 
@@ -256,7 +257,7 @@ class Contacts(eqx.Module):
 
     def _hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """Effect of holding, from the inverse of G among the held contacts."""
-        inertia, weighted = self.inertia_among(held), self._weighted()
+        inertia, weighted = self._inertia_held(held), self._weighted()
         reaction = self._without_rounding(matrix_product(inertia, weighted), inertia, weighted)
         pushes, inverse = self._pushes(weighted), self._inverse()
         mobility = inverse - matrix_product(pushes, reaction)
@@ -266,6 +267,10 @@ class Contacts(eqx.Module):
         back, accelerated = self._pushed_by(inertia, reaction), self._accelerated()
         drive = jax.tree.map(lambda a: jnp.stack([matvec(back, row) for row in a]), accelerated)
         return Hold(held, inertia, reaction, mobility, drive)
+
+    def _inertia_held(self, held: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
+        """`inertia_among` of what holds, see `SwitchingContacts`."""
+        return self.inertia_among(held)
 
     def _without_rounding(
         self, found: Array, first: Array, second: Array, added: Array | float = 0.0

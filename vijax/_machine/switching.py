@@ -298,15 +298,21 @@ class SwitchingContacts(Contacts):
         return with_derivative_of(jnp.where(is_zero, 0, found), found)
 
     def inertia_among(self, members: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
-        """G_H^-1 of the members, with the friction that they bring along; no element reaches another that does not press on it."""
+        """G_H^-1 of the members, with the friction that they bring along."""
         if self.drag is None:
-            along, inertia = self.compliance, Contacts.inertia_among(self, members)
-        else:
-            along = matrix_product(self.compliance, self.drag)
-            inertia = inverse_of_block(along, members, diagonal(self.compliance))
+            return Contacts.inertia_among(self, members)
+        return inverse_of_block(self._along(), members, diagonal(self.compliance))
+
+    def _along(self) -> Float[Array, "contacts contacts ..."]:
+        """Accelerations along the rows by unit forces of the elements and of the friction that they bring along."""
+        return self.compliance if self.drag is None else matrix_product(self.compliance, self.drag)
+
+    def _inertia_held(self, held: Bool[Array, "contacts ..."]) -> Float[Array, "contacts contacts ..."]:
+        """`inertia_among` of what holds, without rounding errors: no element reaches another that does not press on it."""
+        inertia = self.inertia_among(held)
         # Errors of a matrix change its inverse by the inverse times them times the inverse. Rows that are nearly dependent, as of masses
         # of very different size, have a large one: the bound is less than that by which dependent rows are told.
-        errors = matrix_product(jnp.abs(along), jnp.abs(inertia)) / 16
+        errors = matrix_product(jnp.abs(self._along()), jnp.abs(inertia)) / 16
         return self._without_rounding(inertia, inertia, errors)
 
     def is_redundant(self, hold: Hold) -> Bool[Array, "contacts ..."]:
