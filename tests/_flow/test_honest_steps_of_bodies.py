@@ -31,6 +31,7 @@ def beads(masses) -> vx.ImpactSystem:
     return vx.ImpactSystem(masses, zero, zero, None, [], force=contacts)
 
 
+@pytest.mark.slow
 def test_three_bodies_that_meet_by_stiff_forces_move_as_a_dense_reference_has_them():
     """Shots of several speeds and gaps, as a batch: gaps of some speeds are closed while another pair is in touch."""
     masses = np.array([1.0, 0.3, 2.0])
@@ -66,7 +67,8 @@ def bounced(height):
     return jnp.stack([-speed * flight + GRAVITY * flight**2 / 2, -speed + GRAVITY * flight])
 
 
-@pytest.mark.parametrize("derivative", [pytest.param(jax.jacfwd, marks=pytest.mark.slow), jax.jacrev])
+@pytest.mark.slow
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
 def test_derivatives_through_a_stiff_wall_are_those_of_the_closed_form(derivative):
     load = vx.Harmonic([0.0], 1.0, mean=[GRAVITY])
     machine = vx.ImpactSystem(

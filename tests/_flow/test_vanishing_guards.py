@@ -189,7 +189,7 @@ ROW = [vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.5), vx.Contact({1: 1.0, 2: -1.0}, 0.
 @pytest.mark.parametrize(
     ("masses", "stops"),
     [
-        ([1.0], [vx.Stop(0, 0.0, "lower", 0.5)]),
+        pytest.param([1.0], [vx.Stop(0, 0.0, "lower", 0.5)], marks=pytest.mark.slow),
         ([2.5], [vx.Stop(0, 0.0, "lower", 0.0)]),
         pytest.param([1.0, 3.0], ROW[:1], marks=pytest.mark.slow),
         pytest.param([1.0, 0.2, 3.0], ROW, marks=pytest.mark.slow),

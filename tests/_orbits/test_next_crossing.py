@@ -113,7 +113,7 @@ def by_force_and_speed(y):
     return vx.next_crossing(sliding, 0.0, [0.0], y[1:], 0, 1.0, t1=9.0)[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_slows_a_mass_on_its_way_to_a_place():
     """x = v t - f t^2 / 2, from 0."""
     f, v = 0.3, 1.2
@@ -147,7 +147,7 @@ def test_a_place_within_a_compliant_stop_is_passed_both_ways():
     assert float(down[2][0]) == pytest.approx(-float(up[2][0]), rel=1e-14)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mass", "place", "direction"), [(0, 0.1, "up"), (1, 0.35, "down"), (0, -0.4, "down")]
 )

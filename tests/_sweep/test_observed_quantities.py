@@ -232,6 +232,7 @@ def test_quantities_are_those_of_single_runs_searched_by_brute_force(name):
         assert (known["max_force"] > 0.1).all()
 
 
+@pytest.mark.slow
 def test_motions_are_the_same_whether_they_are_observed_or_not_and_stores_keep_what_is_observed(tmp_path):
     system, values = vx.models.wagg_bishop_b(0.2), {FREQUENCY: np.linspace(0.2, 0.4, 6)}
     plain, observed = (sweep(system, values, names, carry="both") for names in ([], ["max_position"]))

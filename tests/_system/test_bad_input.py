@@ -250,7 +250,7 @@ def test_a_start_is_checked_while_the_stiffness_alone_is_traced():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("row", [0, {0: 1.0, 1: -1.0}])
+@pytest.mark.parametrize("row", [pytest.param(0, marks=pytest.mark.slow), {0: 1.0, 1: -1.0}])
 def test_a_run_goes_on_from_masses_at_rest_on_a_stop_at_zero(row):
     """What rounding left of their motion is far below the smallest length of the machine."""
     rubbing = vx.Friction(row, 1.5)

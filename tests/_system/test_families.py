@@ -71,7 +71,7 @@ def test_the_arrays_that_a_value_moves_are_read_off_the_program():
     assert moved_arrays(tower(STIFFNESSES), "stops[0].position") == ["stops[0].position"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_pass_through_the_function():
     family = vx.Family(tower, stiffnesses=STIFFNESSES)
 
