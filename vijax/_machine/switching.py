@@ -177,7 +177,7 @@ class SwitchingContacts(Contacts):
 
     def _after_loss_of(self, v: Array, members: Array, lack: Array) -> Float[Array, "n ..."]:
         """Velocities after the impulses of the members that take away their speeds `lack`."""
-        inertia, rows = self.inertia_among(members), jnp.abs(jnp.swapaxes(self.rows, 0, 1))
+        inertia, rows = self._inertia_held(members), jnp.abs(jnp.swapaxes(self.rows, 0, 1))
         sizes = self.sizes_dragged(matvec(jnp.abs(inertia), jnp.abs(lack)))
         return after_loss(v, self._by(inertia, lack), self.inverse_mass_size(matvec(rows, sizes)))
 
