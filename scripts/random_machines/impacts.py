@@ -47,6 +47,11 @@ class _Impact(NamedTuple):
     after: np.ndarray
     rows: np.ndarray
 
+    @property
+    def speed(self) -> float:
+        """Size of the velocities."""
+        return float(np.abs([self.before, self.after]).max()) + 1e-3
+
 
 def impact_faults(shape: Shape, a: dict, whole: Run, rng: np.random.Generator) -> list[Failure]:
     """Instants whose impulses, speeds or loss of energy the law of impacts does not allow."""
@@ -109,8 +114,7 @@ def _at(t: float, ts: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _lacks(shape: Shape, own: dict, run: Run, lane: int, impact: _Impact) -> dict[str, float]:
     """By how much an instant lacks impulses, restitution and the balance of energy, in units of the tolerance."""
-    mass = matrices(shape, own["mass"])
-    speed = np.abs([impact.before, impact.after]).max() + 1e-3
+    mass, speed = matrices(shape, own["mass"]), impact.speed
     contacts = rigid_contacts(shape, own, np.array([impact.t]), impact.x[None])
     rows, gaps = (np.stack(column) for column in zip(*contacts, strict=True))
     walls = _speeds_of_walls(shape, own, impact.t)
@@ -131,11 +135,10 @@ def _lacks(shape: Shape, own: dict, run: Run, lane: int, impact: _Impact) -> dic
         "restitution": max(_lack_of_law(hit, speed, sizes.max()) for hit in hits),
     }
     if is_single and not stays[hits[0].contact]:
-        logged, found = (
-            hits[0][2:4],
-            [rows[hits[0].contact] @ v - walls[hits[0].contact] for v in (impact.before, impact.after)],
-        )
-        lacks["logged speeds"] = float(np.abs(np.subtract(logged, found)).max() / (OF_BALANCE * speed))
+        (hit,) = hits
+        found = [rows[hit.contact] @ v - walls[hit.contact] for v in (impact.before, impact.after)]
+        error = np.abs(np.subtract((hit.minus, hit.plus), found)).max()
+        lacks["logged speeds"] = float(error / (OF_BALANCE * speed))
     # The bounces that end at once have impulses as well.
     is_whole = not any(stays[hit.contact] and hit.restitution > 0 for hit in hits)
     if is_whole and not (shape.rubs or shape.is_moving):
@@ -177,7 +180,6 @@ def _add_friction(
     is_single: bool,
 ) -> None:
     """Add the impulses of friction of contacts; `numbers` are those of the impulses of contacts that are not logged."""
-    speed = np.abs([impact.before, impact.after]).max() + 1e-3
     for j, (row, contact) in enumerate(shape.rubs):
         if contact >= len(total) or (total[contact] == 0 and contact not in numbers):
             continue
@@ -188,7 +190,7 @@ def _add_friction(
         pushes = [pushed, numbers[contact]] if contact in numbers else [pushed]
         for side in (1.0, -1.0):
             unknown.rows.append({force: side, **dict.fromkeys(pushes, -coefficient)})
-        if is_single and abs(slip) > ZERO * speed:
+        if is_single and abs(slip) > ZERO * impact.speed:
             unknown.rows.append({force: -math.copysign(1.0, slip), **dict.fromkeys(pushes, coefficient)})
 
 

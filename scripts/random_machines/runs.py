@@ -39,7 +39,6 @@ class Run(NamedTuple):
     result: np.ndarray
     stretches: np.ndarray
     impulse: np.ndarray
-    friction_impulse: np.ndarray
 
     def start_at(self, place: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities from which runs go on from a saved state, (lanes, masses and Jenkins elements)."""
@@ -91,19 +90,8 @@ def run(
         )
         log = sol.events
         own_log = log.t, log.stop, log.kind, log.velocity_minus, log.velocity_plus
-        rubbed = 0 * log.impulse if log.friction_impulse is None else log.friction_impulse
-        stretches = stretches_of(sol, ts, system)
-        found = (
-            ts,
-            sol.xs,
-            sol.vs,
-            *own_log,
-            sol.num_events,
-            sol.result._value,
-            stretches,
-            log.impulse,
-            rubbed,
-        )
+        of_run = sol.num_events, sol.result._value, stretches_of(sol, ts, system), log.impulse
+        found = ts, sol.xs, sol.vs, *own_log, *of_run
         rows.append([np.asarray(a) for a in found])
     return (
         Run(*(np.stack(column) for column in zip(*rows, strict=True)))

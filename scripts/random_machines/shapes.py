@@ -34,17 +34,17 @@ class Shape(NamedTuple):
     """
 
     masses: int
-    is_full: bool
-    stops: tuple[tuple[int, Side], ...]
-    contacts: tuple[Row, ...]
-    cushions: tuple[tuple[int, Side], ...]
-    pads: tuple[Row, ...]
-    rubs: tuple[tuple[Row, int], ...]
-    sliders: tuple[Row, ...]
-    harmonics: int
-    is_driven: bool
-    is_moving: bool
-    is_general: bool
+    is_full: bool = False
+    stops: tuple[tuple[int, Side], ...] = ()
+    contacts: tuple[Row, ...] = ()
+    cushions: tuple[tuple[int, Side], ...] = ()
+    pads: tuple[Row, ...] = ()
+    rubs: tuple[tuple[Row, int], ...] = ()
+    sliders: tuple[Row, ...] = ()
+    harmonics: int = 1
+    is_driven: bool = True
+    is_moving: bool = False
+    is_general: bool = False
     load: str = "harmonic"
     kind: str = "linear"
     is_parametric: bool = False

@@ -38,16 +38,10 @@ def touching_shape(rng: np.random.Generator, most_masses: int) -> Shape:
         pads.append(pads[-1] if pads and rng.random() < SAME_ROW else row)
     return Shape(
         masses=n,
-        is_full=False,
         stops=tuple(stops),
         contacts=tuple(contacts),
         cushions=tuple(cushions),
         pads=tuple(pads),
-        rubs=(),
-        sliders=(),
-        harmonics=1,
-        is_driven=True,
-        is_moving=False,
         is_general=True,
         buffers=tuple(row for row, own in zip(links, is_rigid, strict=True) if not own),
     )

@@ -325,10 +325,9 @@ def test_of_a_machine_with_a_force_it_has_the_multipliers_of_the_stroboscopic_ma
 @pytest.mark.thorough
 def test_a_slider_starts_where_it_does_in_simulate():
     """From 0 at the speed 2 on a spring of 4 up to its limit 1 at x = .25, then against the force 1 up to the stop at .6."""
-    limits = [vx.Stop(0, 0.6, "upper", 0.7)], [vx.Jenkins(0, 4.0, 1.0)]
-    system = vx.ImpactSystem(
-        [1.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 1.0), limits[0], hysteresis=limits[1]
-    )
+    stop, joint = vx.Stop(0, 0.6, "upper", 0.7), vx.Jenkins(0, 4.0, 1.0)
+    still = vx.Harmonic([0.0], 1.0)
+    system = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], still, [stop], hysteresis=[joint])
     speed = np.sqrt(4.0 - 0.25)
     expected = np.arcsin(0.25) / 2 + speed - np.sqrt(speed**2 - 0.7)
     for t, x, v in (

@@ -19,17 +19,11 @@ COUNT = 6
 # Friction beside a stop that it is tied to, a soft stop and a Jenkins element.
 SHAPE = Shape(
     masses=2,
-    is_full=False,
     stops=((0, "upper"),),
-    contacts=(),
     cushions=((1, "lower"),),
     pads=((1,),),
     rubs=(((1,), 0),),
     sliders=((0,),),
-    harmonics=1,
-    is_driven=True,
-    is_moving=False,
-    is_general=False,
 )
 
 

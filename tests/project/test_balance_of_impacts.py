@@ -16,20 +16,7 @@ from random_machines.shapes import Shape
 pytestmark = pytest.mark.slow
 
 COUNT = 6
-PLAIN = Shape(
-    masses=2,
-    is_full=False,
-    stops=((0, "upper"),),
-    contacts=((0, 1),),
-    cushions=(),
-    pads=(),
-    rubs=(),
-    sliders=(),
-    harmonics=1,
-    is_driven=True,
-    is_moving=False,
-    is_general=False,
-)
+PLAIN = Shape(masses=2, stops=((0, "upper"),), contacts=((0, 1),))
 RUBBING = PLAIN._replace(contacts=(), rubs=(((1,), 0), ((0, 1), 0)))
 CASES = [
     (PLAIN, "mass"),
