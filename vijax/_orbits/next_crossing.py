@@ -20,7 +20,7 @@ from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import MachineNumbers, numbers_of
-from .._system.checks import FINITE, check_one, check_shape, validate_start
+from .._system.checks import FINITE, check_one, check_shape, validate_start, whole_start
 from .._system.contact import AbstractRigidLimit, Contact
 from .._system.restitution import restitution_of_contacts
 from .._system.system import AnySystem, ImpactSystem, machine_of, with_args
@@ -102,11 +102,9 @@ def next_crossing(
         raise ValueError(f'Argument `direction` must be "up" or "down", but is {direction!r}.')
     begin, x, v, place = (as_float(a) for a in (t0, x0, v0, position))
     end = default_end_time(bound, begin) if t1 is None else as_float(t1)
-    x, v = bound.start_of(x, v)
-    whole = (bound.num_coordinates,)
-    shapes = {"t0": (), "t1": (), "position": (), "x0": whole, "v0": whole}
-    for (name, shape), value in zip(shapes.items(), (begin, end, place, x, v), strict=True):
-        check_shape(name, value, shape)
+    x, v = whole_start(bound, x, v)
+    for name, value in (("t0", begin), ("t1", end), ("position", place)):
+        check_shape(name, value, ())
     check_one("position", place, FINITE)
     doubts = validate_start(bound, begin, end, end[None], x, v)
     side = _SIDES[direction]

@@ -12,7 +12,7 @@ from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
-from .._system.checks import check_shape, refuse, validate_start
+from .._system.checks import check_shape, refuse, validate_start, whole_start
 from .._system.system import AnySystem, ImpactSystem, machine_of, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
@@ -91,13 +91,13 @@ def next_impact(
         Wagg & Bishop (2004), Sec. 2.2; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
     """
     system = machine_of(system)
-    bound, n = with_args(system, args), system.num_coordinates
+    bound = with_args(system, args)
     warn_about_reverse_steps(max_reverse_steps)
     begin, x, v = (as_float(a) for a in (t0, x0, v0))
-    x, v = bound.start_of(x, v)
+    x, v = whole_start(bound, x, v)
     end = default_end_time(bound, begin) if t1 is None else as_float(t1)
-    for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
-        check_shape(name, value, shape)
+    for name, value in (("t0", begin), ("t1", end)):
+        check_shape(name, value, ())
     doubts = refuse([wrong_stop(bound, stop)])
     doubts += validate_start(bound, begin, end, end[None], x, v)
     wanted = ImpactRequest(

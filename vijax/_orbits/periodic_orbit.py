@@ -15,7 +15,7 @@ from .._jax.errors import checked, number_of_doubts, warn_when_run
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._progress import says_what_compiles
-from .._system.checks import check_shape, validate_start
+from .._system.checks import validate_start, whole_start
 from .._system.periodicity import check_period
 from .._system.system import AnySystem, with_args
 from .._trajectory.concrete_machine import known_machine
@@ -99,9 +99,7 @@ def periodic_orbit(
     room = whole_number("max_events", max_events, 1)
     x, v = as_float(x0), as_float(v0)
     bound = with_args(system, args)
-    x, v = bound.start_of(x, v)
-    for name, value in (("x0", x), ("v0", v)):
-        check_shape(name, value, (bound.num_coordinates,))
+    x, v = whole_start(bound, x, v)
     if is_undriven(bound):
         found, period = autonomous_orbit(bound, (x, v), flow, room)
         orbit = PeriodicOrbit(

@@ -14,7 +14,7 @@ from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._progress import says_what_compiles, tqdm
-from .._system.checks import check_shape, validate_start
+from .._system.checks import validate_start, whole_start
 from .._system.periodicity import check_period
 from .._system.system import AnySystem, machine_of, with_args
 from .._trajectory.concrete_machine import known_machine
@@ -102,9 +102,7 @@ def lyapunov_exponents(
     settling, averaged = whole_number("transient", transient), whole_number("num_periods", num_periods, 1)
     is_known = not is_traced((system, args, flow, x, v, max_steps))
     x, v = ((as_numpy_float if is_known else as_float)(a) for a in (x, v))
-    x, v = bound.start_of(x, v)
-    for name, value in (("x0", x), ("v0", v)):
-        check_shape(name, value, (bound.num_coordinates,))
+    x, v = whole_start(bound, x, v)
     zero = np.zeros((), x.dtype)
     doubts = validate_start(bound, zero, zero, zero[None], x, v)
     counts = np.asarray(settling), np.asarray(averaged)

@@ -79,6 +79,14 @@ def check_shape(name: str, value: Array | np.ndarray, shape: tuple[int, ...]) ->
         raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
 
 
+def whole_start(system: Any, x0: Reals, v0: Reals) -> tuple[Reals, Reals]:
+    """Start of all coordinates of one trajectory, (coordinates,) each, from that of the masses or of all; refuses other shapes."""
+    x, v = system.start_of(x0, v0)
+    for name, value in (("x0", x), ("v0", v)):
+        check_shape(name, value, (system.num_coordinates,))
+    return x, v
+
+
 def check_every(name: str, values: Array | np.ndarray, rule: Rule) -> None:
     """Reject values of many machines if one of them violates a rule."""
     if not rule.holds(np.asarray(values)).all():
