@@ -1,4 +1,4 @@
-"""Limits of compliant contacts.
+"""Limits and resets of compliant contacts.
 
 | mode | first guard | second guard |
 | --- | --- | --- |
@@ -11,14 +11,18 @@ A closed contact opens where N falls through zero, or, with a preload, at d = 0 
 follows from d > 0.
 """
 
-from jaxtyping import Array, Bool
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from .._machine.contacts import Held
 from .._machine.derivatives import Rates, approaches
 from .._machine.kinds import COMPLIANT
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import Mode, State
 from .limits import CLOSE, GAP, OPEN, Limit, Series, behind, force_below, scaled
+from .sticking import is_rounding
+from .transition import Zeros
 
 
 def is_resting(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -97,3 +101,36 @@ LAG = Limit(
     near=GAP.near,
 )
 LOAD = force_below(CLOSE, is_resting, lambda machine: machine.contacts.laws.preload)
+
+
+def compliant_switched(
+    machine: Machine,
+    state: State,
+    events: Zeros,
+    is_set_off: Bool[Array, "contacts ..."],
+    speed: Float[Array, "contacts ..."],
+) -> tuple[State, Bool[Array, "contacts ..."]]:
+    """State with compliant contacts closed and opened, and flags of those now at d = 0."""
+    contacts, mode = machine.contacts, state.mode
+    compliant, laws = contacts.are(COMPLIANT), contacts.laws
+    is_free = compliant & (~state.held | is_set_off)
+    # What is left at this instant opens with it, as where another contact hands on the force that it takes from this one.
+    place, rate = contacts.size(jnp.abs(state.x)) + jnp.abs(contacts.limit), contacts.size(jnp.abs(state.v))
+    size = laws.preload + laws.stiffness * place + laws.damping * rate
+    leaves = mode.closed & (speed < 0)
+    ends = leaves & is_rounding(contacts.spring_force(state.gap, speed), size)
+    at_limit = is_free & (
+        events.first | is_set_off | (state.gap == 0) | leaves & is_rounding(state.gap, place)
+    )
+    gap = jnp.where(at_limit, 0, state.gap)
+    enters = at_limit & (speed > 0)
+    past = jnp.where(at_limit, enters, mode.closed | mode.inside)
+    changes = is_free & (events.second | ends) & ~at_limit
+    pushes = contacts.spring_force(gap, speed) > 0
+    closed = jnp.where(changes, mode.inside, pushes)
+    closed = compliant & past & (enters | closed)
+    begins = jnp.where(changes, jnp.int8(1), jnp.int8(0))
+    is_new = at_limit & (speed != 0)
+    contact = jnp.where(is_new, jnp.int8(1), state.contact)
+    mode = Mode(closed, compliant & past & ~closed, mode.direction, begins, mode.paradox)
+    return eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode)), at_limit

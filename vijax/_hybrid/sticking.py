@@ -43,6 +43,11 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
     return False
 
 
+def is_rounding(speed: Array, size: Array) -> Bool[Array, "contacts ..."]:
+    """Flags of speeds that are rounding errors of the velocities they are differences of."""
+    return jnp.abs(speed) <= 64 * float(jnp.finfo(size.dtype).eps) * size
+
+
 def usual_speeds(machine: Machine, state: State) -> Float[Array, "stops ..."]:
     """Speeds towards each stop that the forces give to masses within a radian of the fastest motion, 0 if none can stick.
 

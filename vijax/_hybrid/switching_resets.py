@@ -20,6 +20,7 @@ from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._machine.machine import Machine
 from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State
 from .._system.checks import is_touching
+from .compliant_limits import compliant_switched
 from .coupled_impacts import impact, without_rounding
 from .decision import AtRest, Decision, decide, no_decision
 from .entries import logged
@@ -28,9 +29,9 @@ from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
 from .guards import has_one_guard
 from .hysteresis_limits import at_limits, sliders_driven, sliders_settled
-from .sticking import usual_speeds
+from .sticking import is_rounding, usual_speeds
 from .tied_friction import loaded, unloaded
-from .transition import Instant, no_switches
+from .transition import Instant, Zeros, no_switches
 
 
 def first_state(
@@ -59,7 +60,7 @@ def first_state(
     state = eqx.tree_at(lambda s: s.v, state, v)
     gap, speeds = with_derivative_of(jnp.where(touching, 0, state.gap), gaps), jnp.where(at_rest, 0, speeds)
     past = compliant & ((gap < 0) | (touching & (speeds > 0)))
-    closed = past & (_spring_force(machine, gap, speeds) > 0) | (past & touching)
+    closed = past & (contacts.spring_force(gap, speeds) > 0) | (past & touching)
     direction = jnp.where(friction & ~at_rest, jnp.sign(speeds), 0).astype(jnp.int8)
     contact = jnp.where(touching & ~at_rest & ((speeds < 0) | compliant), jnp.int8(1), state.contact)
     mode = Mode(closed, past & ~closed, direction, state.mode.begins, state.mode.paradox)
@@ -129,17 +130,6 @@ def forces_between_events(machine: Machine, state: State) -> Float[Array, "conta
     return now.contacts.dragged(jnp.where(state.held, reaction, now.contacts.forces_of(state)))
 
 
-class Zeros(NamedTuple):
-    """Zeros of the first and of the second guards, (contacts,) each."""
-
-    first: Bool[Array, "contacts ..."]
-    second: Bool[Array, "contacts ..."]
-
-
-def _spring_force(machine: Machine, gap: Array, speed: Array) -> Float[Array, "contacts ..."]:
-    return machine.contacts.spring_force(gap, speed)
-
-
 def _switch(
     machine: Machine,
     before: State,
@@ -173,7 +163,7 @@ def _switch(
         state = sliders_driven(machine, state, sliders)
     at_limit = jnp.zeros_like(hit)
     if COMPLIANT in contacts.laws.kinds:
-        state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
+        state, at_limit = compliant_switched(machine, state, events, is_set_off, speed)
     struck = _Struck(speed, is_struck, stays)
     state, arrives, events, size = _friction_switched(machine, before, state, events, struck, is_now, sticks)
 
@@ -252,10 +242,10 @@ def _friction_switched(
         is_now
         & friction
         & (direction != 0)
-        & (events.first & ~struck.flags | _is_rounding(struck.speed, size))
+        & (events.first & ~struck.flags | is_rounding(struck.speed, size))
     )
     events = Zeros(events.first | arrives & ~struck.flags, events.second)
-    is_stopped = friction & struck.flags & _is_rounding(struck.speed, size)
+    is_stopped = friction & struck.flags & is_rounding(struck.speed, size)
     is_stopped = is_stopped if sticks is None else is_stopped | sticks
     arrives = arrives | is_stopped
     new = jnp.where(friction & struck.flags, jnp.sign(struck.speed), direction)
@@ -269,50 +259,12 @@ def _friction_switched(
     return state, arrives, events, size
 
 
-def _is_rounding(speed: Array, size: Array) -> Bool[Array, "contacts ..."]:
-    """Flags of speeds that are rounding errors of the velocities they are differences of."""
-    return jnp.abs(speed) <= 64 * float(jnp.finfo(size.dtype).eps) * size
-
-
 def _is_struck(machine: Machine, impulse: Float[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
     """Flags of elements whose speed the impulses of all contacts change, by more than rounding."""
     compliance = machine.contacts.compliance
     change = matvec(compliance, impulse)
     size = matvec(jnp.abs(compliance), jnp.abs(impulse))
     return jnp.abs(change) > 64 * len(compliance) * float(jnp.finfo(size.dtype).eps) * size
-
-
-def _compliant_switched(
-    machine: Machine,
-    state: State,
-    events: Zeros,
-    is_set_off: Bool[Array, "contacts ..."],
-    speed: Float[Array, "contacts ..."],
-) -> tuple[State, Bool[Array, "contacts ..."]]:
-    """State with compliant contacts closed and opened, and flags of those now at d = 0."""
-    contacts, mode = machine.contacts, state.mode
-    compliant, laws = contacts.are(COMPLIANT), contacts.laws
-    is_free = compliant & (~state.held | is_set_off)
-    # What is left at this instant opens with it, as where another contact hands on the force that it takes from this one.
-    place, rate = contacts.size(jnp.abs(state.x)) + jnp.abs(contacts.limit), contacts.size(jnp.abs(state.v))
-    size = laws.preload + laws.stiffness * place + laws.damping * rate
-    leaves = mode.closed & (speed < 0)
-    ends = leaves & _is_rounding(_spring_force(machine, state.gap, speed), size)
-    at_limit = is_free & (
-        events.first | is_set_off | (state.gap == 0) | leaves & _is_rounding(state.gap, place)
-    )
-    gap = jnp.where(at_limit, 0, state.gap)
-    enters = at_limit & (speed > 0)
-    past = jnp.where(at_limit, enters, mode.closed | mode.inside)
-    changes = is_free & (events.second | ends) & ~at_limit
-    pushes = _spring_force(machine, gap, speed) > 0
-    closed = jnp.where(changes, mode.inside, pushes)
-    closed = compliant & past & (enters | closed)
-    begins = jnp.where(changes, jnp.int8(1), jnp.int8(0))
-    is_new = at_limit & (speed != 0)
-    contact = jnp.where(is_new, jnp.int8(1), state.contact)
-    mode = Mode(closed, compliant & past & ~closed, mode.direction, begins, mode.paradox)
-    return eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode)), at_limit
 
 
 def _without(state: State, elements: Bool[Array, "contacts ..."]) -> State:
@@ -365,7 +317,7 @@ def _settled(machine: Machine, state: State, at_rest: AtRest, lightest: Array | 
     contact = jnp.where(found.held, holds, jnp.where(found.kept, jnp.int8(KEPT_CLOSED), moves))
     contact = jnp.where(elements, contact, state.contact)
     # On a belt a gap still changes.
-    is_still = _is_rounding(contacts.speeds(v, machine.phase_rate(state.phase)), contacts.size(jnp.abs(v)))
+    is_still = is_rounding(contacts.speeds(v, machine.phase_rate(state.phase)), contacts.size(jnp.abs(v)))
     is_frozen = found.depends & ~state.held & (is_still | friction)
     contact = jnp.where(is_frozen, jnp.int8(FROZEN), contact)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731

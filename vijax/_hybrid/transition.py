@@ -1,5 +1,7 @@
 """Record of the events at the end of a step."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -44,6 +46,13 @@ def no_switches(state: State) -> Switches | None:
         return None
     none, laws = jnp.zeros_like(state.held), laws_as_numbers(state)
     return Switches(none, none, none, none, none, jnp.zeros_like(laws), laws, laws)
+
+
+class Zeros(NamedTuple):
+    """Zeros of the first and of the second guards, (contacts,) each."""
+
+    first: Bool[Array, "contacts ..."]
+    second: Bool[Array, "contacts ..."]
 
 
 class Instant(eqx.Module):
