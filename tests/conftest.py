@@ -38,6 +38,20 @@ _started: set[str] = set()
 pytest.register_assert_rewrite("helpers", "outputs")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--part K/N`: a file of tests is in one of N parts, by its name."""
+    parser.addoption("--part", metavar="K/N", help="run one part of N of the files of tests, K from 0 to N - 1")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the tests of other parts out."""
+    if part := config.getoption("part"):
+        number, parts = map(int, part.split("/"))
+        chosen = [i for i in items if zlib.crc32(i.path.name.encode()) % parts == number]
+        config.hook.pytest_deselected(items=[i for i in items if i not in set(chosen)])
+        items[:] = chosen
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Keep compiled programs beside pytest's own cache, so that a second run or another process need not compile again.
 

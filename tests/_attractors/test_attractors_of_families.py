@@ -91,6 +91,7 @@ def test_manifolds_of_an_orbit_of_a_family(family):
     assert own.equals(other)
 
 
+@pytest.mark.thorough
 def test_exponents_and_maps_take_a_family(family):
     machine = family.system
     few = {"transient": 5, "num_periods": 20, "progress": False}

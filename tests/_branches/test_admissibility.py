@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import vijax as vx
 from vijax._branches.admissibility import margins_of_cycle
@@ -14,6 +15,7 @@ from vijax._orbits.cycle import Problem, Unknowns, prepared, traverse
 from vijax._orbits.sequence import Sequence
 
 
+@pytest.mark.thorough
 def test_friction_that_a_stop_kept_at_rest_turns_back_nowhere_after_the_release():
     # The mass leaves as the growing load 2 cos(wt) exceeds the friction. Its velocity is zero there and grows, so that
     # it has no minimum; rounding must not add one at the release itself.

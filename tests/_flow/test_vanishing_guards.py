@@ -136,7 +136,8 @@ def test_friction_at_its_bound_all_along_does_not_stop_three_blocks():
     assert sol.num_steps < FEW_STEPS
 
 
-@pytest.mark.parametrize("num", [3, pytest.param(5, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("num", [3, 5])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_a_mass_that_symmetry_keeps_on_its_stop_does_not_delay_the_others(num, restitution):
     stiffness = 2 * np.eye(num) - np.eye(num, k=1) - np.eye(num, k=-1)

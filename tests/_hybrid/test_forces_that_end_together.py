@@ -46,6 +46,7 @@ def test_a_load_that_grows_from_zero_presses_a_mass_into_a_stop(side, phase, dam
     np.testing.assert_allclose(found, np.append(sol.x1, sol.v1), rtol=1e-11, atol=1e-15)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("num", [2, 17, 33, 65])
 def test_two_bodies_that_a_stop_and_a_load_move_alike_stay_one(num):
     """Where the soft stop lets go, the contact has no force from then on: both end at one instant, whichever is found first."""

@@ -60,6 +60,7 @@ def test_beside_friction():
     np.testing.assert_allclose(sol.x1, [1.25, 3.75, 0.0], rtol=0, atol=1e-13)
 
 
+@pytest.mark.thorough
 def test_derivatives_are_those_of_the_motion_from_rest():
     def end(load):
         system = eqx.tree_at(lambda s: s.forcing.mean, _row((0.1, 0.3), 0.3, 0.0), load)

@@ -100,6 +100,7 @@ PUBLISHED = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_the_multipliers_are_those_published(name):
     seen = seen_in_flight(name)

@@ -120,6 +120,7 @@ def test_the_jacobian_must_be_asked_for():
         series.by_x(0)
 
 
+@pytest.mark.thorough
 def test_coefficients_have_the_derivatives_by_numbers_of_the_force():
     force = bound(duffing, 1, np.array([0.3, 1.1, 0.4]))
     plan = plan_force(force, 1)

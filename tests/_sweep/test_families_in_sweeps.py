@@ -61,6 +61,7 @@ def test_points_share_what_no_swept_value_reaches():
     np.testing.assert_allclose(points.system.stiffness[..., 0], tower([1.0, 1.0]).stiffness)
 
 
+@pytest.mark.thorough
 def test_an_array_and_the_start_are_swept_too():
     family = vx.Family(tower, stiffnesses=[1.0, 2.0])
     pairs = np.array([[1.0, 2.0], [2.0, 1.0], [1.5, 1.5]])

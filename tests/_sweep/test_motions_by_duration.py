@@ -69,6 +69,7 @@ def assert_runs(ds: xr.Dataset, rebuild=vx.system_of, **start) -> int:
     return int(ds.num_impacts.sum())
 
 
+@pytest.mark.thorough
 def test_every_point_is_a_run_from_the_start(plain):
     assert plain.xs.dims == (GAP, "time", "mass")
     np.testing.assert_array_equal(plain.time, TS)

@@ -51,6 +51,7 @@ def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone():
     np.testing.assert_allclose(both, np.kron(one, np.eye(2)), atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "damping",
     [

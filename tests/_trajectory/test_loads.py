@@ -74,6 +74,7 @@ def test_steps_of_the_load_are_restarts_under_constant_loads(name: str):
     assert int(np.sum(np.asarray(sol.events.kind) == vx.IMPACT)) == impacts
 
 
+@pytest.mark.thorough
 def test_a_jump_of_the_load_releases_a_mass_and_lets_friction_slip():
     pull = vx.Tabulated([0.0, 5.0, 10.0], [[2.0], [-0.5], [0.0]], "previous")
     stop = vx.ImpactSystem(**ONE, forcing=pull, stops=[vx.Stop(0, 0.2, "upper", 0.0)])

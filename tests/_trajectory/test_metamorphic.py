@@ -243,6 +243,7 @@ def test_elastic_stops_without_damping_keep_the_energy():
     np.testing.assert_allclose(energy, energy[0], rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_however_fine_the_samples_none_lies_beyond_a_stop(motion):
     events = np.array([0.0, *sorted(e.t for e in log_of(motion)), END])
     inside = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(events)])

@@ -31,6 +31,7 @@ def both():
     return one, vx.simulate(seen_from_the_table(), 0.0, 30.0, *from_table)
 
 
+@pytest.mark.thorough
 def test_a_ball_moves_in_space_as_it_does_seen_from_the_table(both):
     space, relative = both
     kinds = np.asarray(relative.events.kind)

@@ -86,6 +86,7 @@ def test_a_misspelt_name_is_an_attribute_error():
         vx.simulat  # noqa: B018
 
 
+@pytest.mark.thorough
 def test_what_is_slow_to_import_comes_late():
     program = """
 import sys, vijax  # pandas comes with xarray, of which a name stands for it until it is used
