@@ -40,7 +40,9 @@ pytest.register_assert_rewrite("helpers", "outputs")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add `--part K/N`: a file of tests is in one of N parts, by its name."""
-    parser.addoption("--part", metavar="K/N", help="run one part of N of the files of tests, K from 0 to N - 1")
+    parser.addoption(
+        "--part", metavar="K/N", help="run one part of N of the files of tests, K from 0 to N - 1"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
