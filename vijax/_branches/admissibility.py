@@ -13,6 +13,8 @@ from .._hybrid.limits import FORCE, GAP
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
+from .._orbits.sequence import elements_of_events
+from .._orbits.side_by_side import follower_flags, has_several_of_a_kind
 from .margin_scan import (
     OF_FORCE,
     Course,
@@ -56,6 +58,7 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
         density=machine.rate * machine.period * density_of(sequence),
         phase=problem.phase,
         is_plastic=machine.contacts.is_plastic,
+        have_event=elements_of_events(sequence, machine.contacts),
     )
 
 
@@ -75,11 +78,21 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
 def with_margins_at_events(problem: Problem, begins: Moment, found: LeastMargins) -> LeastMargins:
     """The margins between the events of a cycle with those of friction at the events, which begin its flights."""
     found = found._replace(grip=None if begins.grip is None else begins.grip[1:])
-    if not has_friction(problem.machine):
+    if has_friction(problem.machine):
+        excess = excess_of_torn(problem.sequence, begins, guards_of(problem))
+        rise, flight = with_torn(excess, found.rise, found.rise_flight)
+        found = found._replace(rise=rise, rise_flight=flight)
+    return _of_leaders(problem.machine, found)
+
+
+def _of_leaders(machine: Machine, found: LeastMargins) -> LeastMargins:
+    """The margins without those of elements that follow others, see `side_by_side.py`."""
+    contacts = machine.contacts
+    if not contacts.is_switching or not has_several_of_a_kind(contacts.kinds):
         return found
-    excess = excess_of_torn(problem.sequence, begins, guards_of(problem))
-    rise, flight = with_torn(excess, found.rise, found.rise_flight)
-    return found._replace(rise=rise, rise_flight=flight)
+    follows = jnp.tile(follower_flags(contacts), 2)
+    names = "gap", "force", "rise"
+    return found._replace(**{name: jnp.where(follows, jnp.inf, getattr(found, name)) for name in names})
 
 
 def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMargins) -> Margins:

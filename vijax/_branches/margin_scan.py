@@ -89,6 +89,7 @@ class Course(NamedTuple):
         density: samples per forcing period.
         phase: phase where the cycle begins, in forcing periods.
         is_plastic: whether impacts have no rebound, (stops,).
+        have_event: flags of the elements that have each event, see `elements_of_events`, (events, stops).
     """
 
     sequence: CycleEvents
@@ -102,6 +103,7 @@ class Course(NamedTuple):
     density: Array
     phase: Array
     is_plastic: Array
+    have_event: Array
 
 
 class _Minima(NamedTuple):
@@ -186,7 +188,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     now = reading(begin, mode, since)
     is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
     # The gap is least at an interior minimum, the contact force there or where a stick begins.
-    left = sequence.for_guards(_leaving_stops(sequence, k, course.passed))
+    left = sequence.for_guards(_leaving_stops(course, k))
     gap = dip(before.gap, now.gap, step, (i == 1) & left)
     has_length = is_on & ~is_first & (longest > END_OF_FLIGHT * course.whole)
     turns = has_length & ~held & gap.is_there
@@ -235,7 +237,7 @@ def _with_cut_guards(
     sequence, last, (before, now), (gaps, forces) = course.sequence, jnp.maximum(k - 1, 0), readings, minima
     if not len(sequence.kind):
         return minima
-    kind, stop, duration = of_flight((sequence.kind, sequence.stop, course.flights), last)
+    kind, is_own, duration = of_flight((sequence.kind, course.have_event, course.flights), last)
     is_cut = is_first & (k > 0) & (duration > 0)
     mode, following = (of_flight(sequence.mode, flight) for flight in (last, k))
     slides_in = lambda mode: sequence.for_guards((mode == AHEAD) | (mode == BEHIND))  # noqa: E731
@@ -245,12 +247,11 @@ def _with_cut_guards(
         # Behind an impact in which it stops it begins at no velocity.
         is_begin = is_begin & ~sequence.for_guards(of_flight(course.begins.grip, k) > 0)
     slid, slides = slides_in(mode) & is_end, slides_in(following) & is_begin
-    is_own = _numbers(mode) == stop
     opens, closes = is_own & (mode == CLOSED), is_own & (mode == INSIDE) & (kind == CLOSE + SECOND)
     falls = slid | jnp.concatenate([opens & (kind == OPEN + SECOND) | closes, opens & (kind == OPEN)])
     at = lambda time: jnp.broadcast_to(time, gaps.since.shape)  # noqa: E731
     gaps = gaps.lowered(is_cut & falls & (before.gap[1] < 0), before.gap[0], at(duration), last)
-    freed = held_in(mode) & ~held_in(effective(following)) & (_numbers(mode) != stop)
+    freed = held_in(mode) & ~held_in(effective(following)) & ~is_own
     freed = sequence.for_guards(freed) & (before.force[1] < 0)
     forces = forces.lowered(is_cut & freed, before.force[0], at(duration), last)
     return gaps.lowered(is_cut & slides & (now.gap[1] > 0), now.gap[0], at(0 * duration), k), forces
@@ -275,18 +276,19 @@ def limits_of_flight(course: Course, flight: Array) -> tuple[Array, Array]:
     return skipped, jnp.clip(of_flight(course.flights, flight) - skipped, 0, course.whole)
 
 
-def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
-    """Flags of the stops that masses leave at the beginning of a flight, (stops,); `passed` as in `Course`.
+def _leaving_stops(course: Course, flight: Array) -> Array:
+    """Flags of the stops that masses leave at the beginning of a flight, (stops,).
 
     A contact that others kept closed is left as one that held, and so is friction that others kept at rest.
     """
+    sequence = course.sequence
     rests = held_in(effective(sequence.mode))
     if not len(sequence.kind):
         return jnp.zeros(rests.shape[1:], bool)
-    event = jnp.where(flight > 0, flight, passed) - 1
+    event = jnp.where(flight > 0, flight, course.passed) - 1
     before = jnp.maximum(event, 0)
-    kind, stop, rested = of_flight((sequence.kind, sequence.stop, rests), before)
-    is_own = (_numbers(rests[0]) == stop) & (kind != NOTHING)
+    kind, has_event, rested = of_flight((sequence.kind, course.have_event, rests), before)
+    is_own = has_event & (kind != NOTHING)
     if sequence.num_groups > 1:  # a slider leaves its limit beside another one too, whose event is both
         at, after = (of_flight(sequence.mode, one) for one in (before, before + 1))
         is_own = is_own | ((at == AHEAD) | (at == BEHIND)) & (after == SPRING)
@@ -298,13 +300,8 @@ def _is_after_plastic(course: Course, flight: Array) -> Array:
     sequence, is_plastic = course.sequence, course.is_plastic
     if not len(sequence.kind):
         return jnp.zeros(is_plastic.shape, bool)
-    kind, stop = of_flight((sequence.kind, sequence.stop), jnp.maximum(flight - 1, 0))
-    return (flight > 0) & (kind == IMPACT) & (_numbers(is_plastic) == stop) & is_plastic
-
-
-def _numbers(of_stops: Array) -> Array:
-    """Numbers of the stops, (stops,), with an axis of length one for each further one."""
-    return jnp.arange(len(of_stops)).reshape(-1, *[1] * (of_stops.ndim - 1))
+    kind, is_own = of_flight((sequence.kind, course.have_event), jnp.maximum(flight - 1, 0))
+    return (flight > 0) & (kind == IMPACT) & is_own & is_plastic
 
 
 def _refined(course: Course, reading: Reading, gaps: _Minima, forces: _Minima) -> tuple[Array, Array]:

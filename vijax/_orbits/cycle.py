@@ -30,6 +30,7 @@ from .._trajectory.event_log import EventLog, event_log
 from .condensation import over_flights
 from .rigid_modes import of_positions
 from .sequence import NOTHING, Sequence, held_in
+from .side_by_side import summed
 from .switching_events import Event, end_of_flight, instant_of, leading_zeros_of, with_stretches_of
 
 # MOMENT: duration, in forcing periods, below which a flight has none when residuals are divided by it.
@@ -110,7 +111,8 @@ class Moment(NamedTuple):
 def prepared(
     numbers: MachineNumbers, flow: AbstractFlow, num_periods: Scalar
 ) -> tuple[Machine, AbstractFlow]:
-    """The machine and its flow, prepared for a run of n periods."""
+    """The machine and its flow, prepared for a run of n periods; elements side by side are their sum."""
+    numbers = summed(numbers)
     span, zeros = 2 * jnp.pi * num_periods / numbers.frequency, jnp.zeros_like(numbers.mean)
     machine = prepare(numbers, span, (0 * span, zeros, zeros), can_stick=True)
     return machine, flow.prepare(machine)

@@ -10,10 +10,13 @@ from jaxtyping import Array, Bool, Float, Int
 from .._hybrid.limits import CLOSE, EVENT_NAMES, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from .._hybrid.transition import Instant
 from .._jax.arrays import Reals, Scalar, array_namespace
+from .._machine.contacts import Contacts
 from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
+from .._machine.switching import SwitchingContacts
 from .._trajectory.event_log import Log, flags_by_kind
+from .side_by_side import as_their_sum, has_several_of_a_kind, side_by_side
 
 NOTHING = -1
 # Internal kind of an event that no log has: a mass leaves a compliant contact that pushed it no more.
@@ -156,9 +159,10 @@ def sequence_of(
     """The sequence of a trajectory of a machine, and the durations of its flights in forcing periods."""
     instants, (ended, before, after) = happened.transitions, _modes_at(happened)
     size, num_stops = instants.hit.shape
-    is_row = (jnp.arange(size) < happened.count)[:, None]
+    is_row, kinds = (jnp.arange(size) < happened.count)[:, None], kinds_of(numbers)
+    if has_several_of_a_kind(kinds):
+        ended, before, after = as_their_sum(numbers, ended, before, after)
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)
-    kinds = kinds_of(numbers)
     if has_several_of_a_kind(kinds):
         is_event = is_event & ~_follows_an_event(numbers, is_event, event_kinds)
     is_event, room = is_event.ravel(), size - 2
@@ -218,42 +222,27 @@ def _follows_an_event(
 ) -> Bool[Array, "rows elements"]:
     """Flags of events that are one with that of an element before, see `side_by_side`."""
     public = kinds % SECOND
-    rests, slips = (own != 0 for own in side_by_side(numbers))
-    is_of_one = jnp.where((public == SLIP)[:, :, None], slips, rests) & (
+    begin, end = (own != 0 for own in side_by_side(numbers))
+    is_of_one = jnp.where(ends_a_mode(kinds)[:, :, None], end, begin) & (
         public[:, :, None] == public[:, None]
     )
     return jnp.any(is_of_one & is_event[:, :, None], axis=1)
 
 
-def has_several_of_a_kind(kinds: tuple[int, ...]) -> bool:
-    """Whether elements that resist velocities may stand side by side."""
-    return max(map(kinds.count, (FRICTION, JENKINS))) > 1
+def ends_a_mode(kind: Reals) -> Any:
+    """True for events at which a force is zero or at its bound; at all others a velocity or a gap is zero."""
+    public = kind % SECOND
+    return (public == SLIP) | (public == OPEN) | (public == LEAVE) | (kind == CLOSE + SECOND)
 
 
-def side_by_side(numbers: MachineNumbers) -> tuple[Any, Any]:
-    """Pairs of elements that come to rest together, and of those that slip together, (elements, elements) each.
-
-    Their rows and velocities are multiples, and of Jenkins elements that slip together the largest stretches too. Their guards
-    are one function, so no flight separates the events of the two in any motion. The number of a pair is the sign of the multiple, in the
-    row of the first of the two; all others are 0.
-    """
-    laws = numbers.laws
-    assert laws is not None
-    rows, kinds = jnp.asarray(numbers.rows), np.array(laws.kinds)
-    near = 4 * float(jnp.finfo(rows.dtype).eps)
-    square = jnp.sum(rows * rows, axis=1)
-    share = (rows @ rows.T) / jnp.where(square > 0, square, 1)[:, None]
-    away = jnp.max(jnp.abs(rows[None] - share[:, :, None] * rows[:, None]), axis=2)
-
-    def is_multiple(of_elements: Array, share: Array) -> Array:
-        return jnp.abs(of_elements[None] - share * of_elements[:, None]) <= near * jnp.abs(of_elements[None])
-
-    is_pair = np.triu((kinds[:, None] == kinds[None]) & (kinds[None] >= FRICTION), 1)
-    is_pair = is_pair & (away <= near * jnp.max(jnp.abs(rows), axis=1)[None])
-    rests = jnp.where(is_pair & is_multiple(jnp.asarray(laws.velocity), share), jnp.sign(share), 0)
-    if laws.reach is None:
-        return rests, rests
-    return rests, jnp.where(is_multiple(jnp.asarray(laws.reach), jnp.abs(share)), rests, 0)
+def elements_of_events(sequence: Sequence, contacts: Contacts) -> Bool[Array, "events elements"]:
+    """Flags of the elements that have an event: its own, and those that close with it."""
+    stop = jnp.asarray(sequence.stop)
+    own = stop[:, None] == jnp.arange(contacts.num)[None]
+    if not isinstance(contacts, SwitchingContacts) or contacts.kinds.count(COMPLIANT) < 2:
+        return own
+    begin = side_by_side(contacts).begin != 0
+    return own | ((begin | begin.T)[stop] & ~ends_a_mode(jnp.asarray(sequence.kind))[:, None])
 
 
 def is_same_sequence(

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..._machine.laws import contacts_of_elements, kinds_of_elements
 from ..._machine.numbers import numbers_of
-from ..._orbits.sequence import SECOND, has_several_of_a_kind, side_by_side
+from ..._orbits.sequence import SECOND
+from ..._orbits.side_by_side import has_several_of_a_kind, side_by_side
 from ..._system.system import machine_of
 from ..behind_event import corrected_on_sequence, step_off
 from ..kinds import Kind
@@ -83,10 +84,10 @@ def _elements(event: BranchPoint) -> Requests[Elements]:
 
     def pairs(family: ParameterFamily) -> list[tuple[tuple[int, ...], ...]]:
         found = side_by_side(numbers_of(family.system_at(event.place.p)))
-        return [tuple(map(tuple, np.asarray(own, int).tolist())) for own in found]
+        return [tuple(map(tuple, np.sign(own).astype(int).tolist())) for own in found]
 
-    rests, slips = yield from ask(HostCall(pairs, event.sequence))
-    return known._replace(rests=rests, slips=slips)
+    begin, end = yield from ask(HostCall(pairs, event.sequence))
+    return known._replace(begin=begin, end=end)
 
 
 def _elements_of(family: ParameterFamily) -> Elements:
@@ -97,9 +98,11 @@ def _elements_of(family: ParameterFamily) -> Elements:
 
 
 def _acting(at: CornerInstant, elements: Elements) -> tuple[int, ...]:
-    """Elements of an instant, with friction of their contacts."""
+    """Elements of an instant, with friction of their contacts, and those that they follow."""
     return tuple(
-        i for i, contact in enumerate(elements.contacts) if i in at.elements or contact in at.elements
+        i
+        for i, contact in enumerate(elements.contacts)
+        if i in at.elements or contact in at.elements or any(elements.begin[i][j] for j in at.elements)
     )
 
 
@@ -123,6 +126,8 @@ def _solved(corner: Corner, choices: Many[Many[Word]]) -> Requests[list[list[Wor
         for k, words in enumerate(choices)
         for word in words
     ]
+    if not trials:
+        return [[] for _ in choices]
     left = yield from residuals_of([(trial.sequence, trial.place) for trial in trials])
     is_solved = iter(left < NEGLIGIBLE)
     return [[word for word in words if next(is_solved)] for words in choices]

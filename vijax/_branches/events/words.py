@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from ..._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from ..._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
-from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, SPRING, STICKING
-from ..._orbits.sequence import LEAVE, SECOND
+from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
+from ..._orbits.sequence import LEAVE, SECOND, ends_a_mode
 from ..sequence_edits import Letter, Modes, Word
 
 # What ends a mode of an element of a kind: pairs of the event and the mode behind it.
@@ -53,36 +53,49 @@ class Elements(NamedTuple):
     Attributes:
         kinds: their kinds.
         contacts: the contact that presses each friction element, -1 for none.
-        rests: of each those that come to rest together with it, with the signs of their rows, see `side_by_side`.
-        slips: of each those that slip together with it, likewise.
+        begin: of each those that come to rest or close together with it, with the signs of their rows, see `SideBySide`.
+        end: of each those that slip or open together with it, likewise.
     """
 
     kinds: tuple[int, ...]
     contacts: tuple[int, ...]
-    rests: tuple[tuple[int, ...], ...]
-    slips: tuple[tuple[int, ...], ...]
+    begin: tuple[tuple[int, ...], ...]
+    end: tuple[tuple[int, ...], ...]
 
     def follower_modes(self, i: int, kind: int, mode: Modes, after: int) -> dict[int, int] | None:
         """Modes behind an event of element `i` of those that follow it; None if it follows one itself."""
-        pairs = self.slips if kind % SECOND == SLIP else self.rests
-        is_one = lambda first, other: mode[other] == _seen_along(pairs[first][other], mode[first])  # noqa: E731
+        pairs = self.end if ends_a_mode(kind) else self.begin
+        is_one = lambda first, other: _are_alike(pairs[first][other], mode[first], mode[other])  # noqa: E731
         if any(pairs[j][i] and is_one(j, i) for j in range(i)):
             return None
         return {j: _seen_along(sign, after) for j, sign in enumerate(pairs[i]) if sign and is_one(i, j)}
 
     def is_consistent(self, mode: Modes) -> bool:
-        """Whether friction side by side does the same in a mode, but for that of open contacts."""
+        """Whether elements side by side do the same in a mode, but for friction of open contacts."""
         return all(
-            not sign or FREE in (mode[i], mode[j]) or mode[j] == _seen_along(sign, mode[i])
-            for i, signs in enumerate(self.rests)
-            if self.kinds[i] == FRICTION
+            not sign
+            or (self.kinds[i] == FRICTION and FREE in (mode[i], mode[j]))
+            or _are_alike(sign, mode[i], mode[j])
+            for i, signs in enumerate(self.end)
+            if self.kinds[i] in (FRICTION, COMPLIANT)
             for j, sign in enumerate(signs)
         )
 
 
 def _seen_along(sign: int, mode: int) -> int:
-    """A mode along a row of the same or the other sign."""
+    """Mode of a follower, along a row of the same or the other sign."""
+    if _rests(mode):
+        return KEPT
     return mode if sign > 0 else {AHEAD: BEHIND, BEHIND: AHEAD}.get(mode, mode)
+
+
+def _are_alike(sign: int, first: int, other: int) -> bool:
+    """Whether two elements side by side do the same."""
+    return (_rests(first) and _rests(other)) or other == _seen_along(sign, first)
+
+
+def _rests(mode: int) -> bool:
+    return mode == HELD or mode >= KEPT
 
 
 @lru_cache(maxsize=1024)

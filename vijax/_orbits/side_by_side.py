@@ -1,0 +1,141 @@
+"""Elements side by side: rows, and velocities or limits, that are multiples, so that in any motion they switch at one instant.
+
+In the equations of cycles the first of several friction elements, or of compliant contacts that also open together, has the sum of
+their forces, and the others, its followers, have none: shared in another way by elements at rest, the same motion would be
+another sequence. A follower has no events and no margins; its mode is that of the first one, and at rest it is kept so.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .._jax.arrays import Reals
+from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
+from .._machine.laws import Laws
+from .._machine.numbers import MachineNumbers
+from .._machine.state import AHEAD, BEHIND, HELD, KEPT
+from .._machine.switching import SwitchingContacts
+from .._system.waves import Waves
+
+
+class SideBySide(NamedTuple):
+    """Pairs of elements whose guards are one function: the multiple of their rows, in the row of the first of the two; else 0.
+
+    Attributes:
+        begin: those that come to rest together, or close, (elements, elements).
+        end: those that slip together, or open, (elements, elements).
+    """
+
+    begin: Float[Array, "elements elements"]
+    end: Float[Array, "elements elements"]
+
+
+def has_several_of_a_kind(kinds: tuple[int, ...]) -> bool:
+    """Whether elements whose forces switch may stand side by side."""
+    return max(map(kinds.count, (COMPLIANT, FRICTION, JENKINS))) > 1
+
+
+def side_by_side(numbers: MachineNumbers | SwitchingContacts) -> SideBySide:
+    """Elements side by side.
+
+    To slip together, the largest stretches of Jenkins elements must be multiples too; to open together, the forces of compliant
+    contacts.
+    """
+    laws = numbers.laws
+    assert laws is not None
+    rows, kinds = jnp.asarray(numbers.rows), np.array(laws.kinds)
+    near = 4 * float(jnp.finfo(rows.dtype).eps)
+    square = jnp.sum(rows * rows, axis=1)
+    share = (rows @ rows.T) / jnp.where(square > 0, square, 1)[:, None]
+    away = jnp.max(jnp.abs(rows[None] - share[:, :, None] * rows[:, None]), axis=2)
+
+    def is_multiple(of_elements: Reals, share: Array) -> Bool[Array, "elements elements"]:
+        own = jnp.asarray(of_elements)
+        return jnp.abs(own[None] - share * own[:, None]) <= near * jnp.abs(own[None])
+
+    begin = np.triu((kinds[:, None] == kinds[None]) & (kinds[None] != RIGID), 1)
+    begin = begin & (away <= near * jnp.max(jnp.abs(rows), axis=1)[None]) & is_multiple(laws.velocity, share)
+    is_soft, end = (kinds == COMPLIANT)[None], begin
+    if COMPLIANT in laws.kinds:
+        is_one_place = (share > 0) & is_multiple(numbers.limit, share)
+        for motion in [row for wave in jax.tree.leaves(_walls_of(numbers)) for row in wave]:
+            is_one_place = is_one_place & is_multiple(motion, share)
+        begin = begin & (is_one_place | ~is_soft)
+        stiffness = jnp.asarray(laws.stiffness)
+        ratio = stiffness[None] / jnp.where(stiffness > 0, stiffness, 1)[:, None]
+        is_one_force = is_multiple(laws.damping, ratio) & is_multiple(laws.preload, ratio * share)
+        end = begin & (is_one_force | ~is_soft)
+    if laws.reach is not None:
+        end = end & is_multiple(laws.reach, jnp.abs(share))
+    return SideBySide(jnp.where(begin, share, 0), jnp.where(end, share, 0))
+
+
+def _walls_of(numbers: MachineNumbers | SwitchingContacts) -> Waves | None:
+    """Motions of the contacts along their rows; None if all stand still, or those of one mass move alike."""
+    if isinstance(numbers, SwitchingContacts):
+        return numbers.walls
+    return None if numbers.signs is None else numbers.travel
+
+
+def _shares_of_sums(numbers: MachineNumbers) -> Float[Array, "elements elements"]:
+    """Multiples by which followers count for the first of them, in the row of that; 0 for all else."""
+    laws = numbers.laws
+    assert laws is not None
+    kinds, pairs = np.array(laws.kinds), side_by_side(numbers)
+    normal = np.array(laws.normal or [-1] * len(kinds))
+    rubs = (kinds == FRICTION) & (normal[:, None] == normal[None])
+    shares = jnp.where(rubs, pairs.begin, jnp.where(kinds == COMPLIANT, pairs.end, 0))
+    return jnp.where(jnp.any(shares != 0, axis=0)[:, None], 0, shares)
+
+
+def summed(numbers: MachineNumbers) -> MachineNumbers:
+    """The machine with the sum of the forces of elements side by side in the first of them, and none in the others."""
+    laws = numbers.laws
+    if laws is None or max(map(laws.kinds.count, (COMPLIANT, FRICTION))) < 2:
+        return numbers
+    shares = jnp.abs(_shares_of_sums(numbers))
+    follows = jnp.any(shares != 0, axis=0)
+
+    def of_sum(own: Reals | None, order: int) -> Array | None:
+        return None if own is None else jnp.where(follows, 0, own + shares**order @ own)
+
+    names = {"force": 1, "grip": 1, "coefficient": 1, "static_coefficient": 1, "preload": 1}
+    names |= {"stiffness": 2, "damping": 2}
+    new = [of_sum(getattr(laws, name), order) for name, order in names.items()]
+    get = lambda numbers: [getattr(numbers.laws, name) for name in names]  # noqa: E731
+    return eqx.tree_at(get, numbers, new, is_leaf=lambda leaf: leaf is None)
+
+
+def follower_flags(contacts: SwitchingContacts) -> Bool[Array, " elements"]:
+    """Flags of the elements whose forces `summed` gave to others."""
+    laws: Laws = contacts.laws
+    forces = [laws.force, laws.grip, laws.preload, laws.stiffness, laws.damping, laws.coefficient]
+    has_none = jnp.all(jnp.stack([jnp.asarray(own) == 0 for own in forces if own is not None]), axis=0)
+    return jnp.any(side_by_side(contacts).begin != 0, axis=0) & has_none
+
+
+def as_their_sum(
+    numbers: MachineNumbers, ended: Array, before: Array, after: Array
+) -> tuple[Int[Array, "rows elements"], Int[Array, "rows elements"], Int[Array, "rows elements"]]:
+    """Zeros of guards at instants and the modes before and after, (rows, elements) each, of the machine `summed`."""
+    shares = _shares_of_sums(numbers)
+    follows, leads = jnp.any(shares != 0, axis=0), jnp.any(shares != 0, axis=1)
+    rests = lambda mode: (mode == HELD) | (mode >= KEPT)  # noqa: E731
+
+    def summed_mode(mode: Array) -> Array:
+        is_held = jnp.any((shares != 0)[None] & (mode == HELD)[:, None], axis=2)
+        mode = jnp.where(leads & rests(mode) & is_held, jnp.int8(HELD), mode)
+        return jnp.where(follows & rests(mode), jnp.int8(KEPT), mode)
+
+    before, after = summed_mode(before), summed_mode(after)
+    # By the bound that the sum has reached, not by that of the first one, which may have been there all along.
+    slips = rests(before) & ((after == AHEAD) | (after == BEHIND))
+    of_others = jnp.max(jnp.where(shares != 0, ended[:, None], 0), axis=2)
+    of_sum = jnp.where(ended > 0, ended, of_others)
+    of_sum = jnp.where(slips & (of_sum > 0), jnp.where(after == AHEAD, 1, 2), of_sum)
+    ended = jnp.where(leads, jnp.where(rests(before) & rests(after), 0, of_sum), ended)
+    return jnp.where(follows, 0, ended), before, after
