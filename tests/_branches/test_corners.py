@@ -8,7 +8,7 @@ from vijax._branches.parameter_family import ExtendedCycle
 from vijax._branches.sequence_edits import Letter, exchanged, letters_between
 from vijax._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from vijax._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
-from vijax._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, SPRING, STICKING
+from vijax._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
 from vijax._orbits.sequence import LEAVE, SECOND, Sequence
 
 
@@ -16,9 +16,9 @@ def events_of(words) -> set:
     return {tuple((letter.kind, letter.stop) for letter in word) for word in words}
 
 
-def machine_of(*kinds: int, contacts: tuple[int, ...] | None = None, rests=None, slips=None) -> Elements:
+def machine_of(*kinds: int, contacts: tuple[int, ...] | None = None, begin=None, end=None) -> Elements:
     none = ((0,) * len(kinds),) * len(kinds)
-    return Elements(kinds, contacts or (-1,) * len(kinds), rests or none, slips or rests or none)
+    return Elements(kinds, contacts or (-1,) * len(kinds), begin or none, end or begin or none)
 
 
 def test_a_touch_of_a_rigid_stop_is_an_impact_or_a_stick_that_ends_at_once():
@@ -105,14 +105,21 @@ def test_friction_of_a_contact_acts_as_long_as_that_is_closed():
 
 def test_friction_side_by_side_turns_and_sticks_in_one_event():
     modes, before = ((AHEAD, BEHIND), (BEHIND, AHEAD)), (Letter(TURN, 0, (BEHIND, AHEAD)),)
-    elements = machine_of(FRICTION, FRICTION, rests=((0, -1), (0, 0)))  # along opposite rows
+    elements = machine_of(FRICTION, FRICTION, begin=((0, -1), (0, 0)))  # along opposite rows
     words = words_between(modes, (0, 1), elements, before)
-    assert words[0] == (Letter(STICK, 0, (STICKING,) * 2), Letter(SLIP + SECOND, 0, (BEHIND, AHEAD)))
+    assert words[0] == (Letter(STICK, 0, (STICKING, KEPT)), Letter(SLIP + SECOND, 0, (BEHIND, AHEAD)))
+    assert all(letter.stop == 0 for word in words for letter in word)
+
+
+def test_compliant_contacts_side_by_side_close_and_open_in_one_event():
+    elements = machine_of(COMPLIANT, COMPLIANT, begin=((0, 1), (0, 0)))
+    words = words_between(((FREE, FREE), (FREE, FREE)), (0, 1), elements, ())
+    assert (Letter(CLOSE, 0, (CLOSED, CLOSED)), Letter(OPEN, 0, (FREE, FREE))) in words
     assert all(letter.stop == 0 for word in words for letter in word)
 
 
 def test_sliders_side_by_side_come_to_rest_in_one_event_and_slip_each_at_its_limit():
-    elements = machine_of(JENKINS, JENKINS, rests=((0, 1), (0, 0)), slips=((0, 0), (0, 0)))
+    elements = machine_of(JENKINS, JENKINS, begin=((0, 1), (0, 0)), end=((0, 0), (0, 0)))
     words = words_between(((AHEAD, AHEAD), (SPRING, SPRING)), (0, 1), elements, ())
     assert words[0] == (Letter(STICK, 0, (SPRING, SPRING)),)
     words = words_between(((SPRING, SPRING), (AHEAD, AHEAD)), (0, 1), elements, ())

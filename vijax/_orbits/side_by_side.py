@@ -88,7 +88,7 @@ def _shares_of_sums(numbers: MachineNumbers) -> Float[Array, "elements elements"
     kinds, pairs = np.array(laws.kinds), side_by_side(numbers)
     normal = np.array(laws.normal or [-1] * len(kinds))
     rubs = (kinds == FRICTION) & (normal[:, None] == normal[None])
-    shares = jnp.where(rubs, pairs.begin, jnp.where(kinds == COMPLIANT, pairs.end, 0))
+    shares = jnp.where(rubs, pairs.begin, jnp.where((kinds == COMPLIANT)[None], pairs.end, 0))
     return jnp.where(jnp.any(shares != 0, axis=0)[:, None], 0, shares)
 
 
@@ -123,7 +123,7 @@ def as_their_sum(
 ) -> tuple[Int[Array, "rows elements"], Int[Array, "rows elements"], Int[Array, "rows elements"]]:
     """Zeros of guards at instants and the modes before and after, (rows, elements) each, of the machine `summed`."""
     shares = _shares_of_sums(numbers)
-    follows, leads = jnp.any(shares != 0, axis=0), jnp.any(shares != 0, axis=1)
+    follows, leads = (jnp.any(shares != 0, axis=axis)[None] for axis in (0, 1))
     rests = lambda mode: (mode == HELD) | (mode >= KEPT)  # noqa: E731
 
     def summed_mode(mode: Array) -> Array:
@@ -134,7 +134,7 @@ def as_their_sum(
     before, after = summed_mode(before), summed_mode(after)
     # By the bound that the sum has reached, not by that of the first one, which may have been there all along.
     slips = rests(before) & ((after == AHEAD) | (after == BEHIND))
-    of_others = jnp.max(jnp.where(shares != 0, ended[:, None], 0), axis=2)
+    of_others = jnp.max(jnp.where((shares != 0)[None], ended[:, None], 0), axis=2)
     of_sum = jnp.where(ended > 0, ended, of_others)
     of_sum = jnp.where(slips & (of_sum > 0), jnp.where(after == AHEAD, 1, 2), of_sum)
     ended = jnp.where(leads, jnp.where(rests(before) & rests(after), 0, of_sum), ended)
