@@ -13,7 +13,7 @@ from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
 from .multiplier_functions import Multipliers
-from .tolerances import AT_BIFURCATION, HALF_DIGITS, LIGHT_IMPACT, LOCATED, ROUNDED_FUNCTION
+from .tolerances import AT_BIFURCATION, HALF_DIGITS, LIGHT_IMPACT, LOCATED, ROUNDED, ROUNDED_FUNCTION
 
 
 class TestFunction(NamedTuple):
@@ -78,7 +78,7 @@ def _tests_of(*parts: tuple[bytes, np.dtype, tuple[int, ...]]) -> tuple[TestFunc
             rate = lambda cycle, k=k: float(cycle.rates.speeds[k])  # noqa: E731
             found.append(TestFunction(kind, of_speed, k, rate=rate))
         if follows_another[k]:
-            of_flight = lambda cycle, k=k: float(cycle.found.place.flights[k])  # noqa: E731
+            of_flight = lambda cycle, k=k: float(_durations(cycle)[k])  # noqa: E731
             rate = lambda cycle, k=k: float(cycle.found.tangent.flights[k])  # noqa: E731
             found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True, rate=rate))
     num = sequence.mode.shape[1]
@@ -168,8 +168,15 @@ def _is_one_of(kinds: Any, some: tuple[int, ...]) -> Any:
 def margins(sequence: Sequence, cycle: CorrectedCycle) -> Any:
     """Values of all `tests_of` a padded sequence, (tests,); infinite for no test."""
     return _of_tests(
-        sequence, (cycle.found.speeds, cycle.found.place.flights, *_between_events(cycle.watched)), np.inf
+        sequence, (cycle.found.speeds, _durations(cycle), *_between_events(cycle.watched)), np.inf
     )
+
+
+def _durations(cycle: CorrectedCycle) -> Any:
+    """Durations of the flights; infinite between events that stay at one instant along the branch, as a symmetry keeps them."""
+    flights, rates = cycle.found.place.flights, cycle.found.tangent.flights
+    xp = array_namespace(flights, rates)
+    return xp.where((xp.abs(flights) < ROUNDED) & (xp.abs(rates) < HALF_DIGITS), xp.inf, flights)
 
 
 def test_slopes(sequence: Sequence, cycle: CorrectedCycle) -> Any:
