@@ -15,6 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._jax.arrays import Flag
 from .._machine.contacts import Held
 from .._machine.derivatives import Rates, approaches
 from .._machine.kinds import COMPLIANT
@@ -109,23 +110,23 @@ def compliant_switched(
     events: Zeros,
     is_set_off: Bool[Array, "contacts ..."],
     speed: Float[Array, "contacts ..."],
-) -> tuple[State, Bool[Array, "contacts ..."]]:
-    """State with compliant contacts closed and opened, and flags of those now at d = 0."""
+    is_now: Flag,
+) -> tuple[State, Bool[Array, "contacts ..."], Zeros]:
+    """State with compliant contacts closed and opened, flags of those now at d = 0, and zeros with those of what opens alike."""
     contacts, mode = machine.contacts, state.mode
     compliant, laws = contacts.are(COMPLIANT), contacts.laws
     is_free = compliant & (~state.held | is_set_off)
     # What is left at this instant opens with it, as where another contact hands on the force that it takes from this one.
     place, rate = contacts.size(jnp.abs(state.x)) + jnp.abs(contacts.limit), contacts.size(jnp.abs(state.v))
     size = laws.preload + laws.stiffness * place + laws.damping * rate
-    leaves = mode.closed & (speed < 0)
+    leaves = mode.closed & (speed < 0) & is_now
     ends = leaves & is_rounding(contacts.spring_force(state.gap, speed), size)
-    at_limit = is_free & (
-        events.first | is_set_off | (state.gap == 0) | leaves & is_rounding(state.gap, place)
-    )
+    events = Zeros(events.first | leaves & is_rounding(state.gap, place), events.second | ends)
+    at_limit = is_free & (events.first | is_set_off | (state.gap == 0))
     gap = jnp.where(at_limit, 0, state.gap)
     enters = at_limit & (speed > 0)
     past = jnp.where(at_limit, enters, mode.closed | mode.inside)
-    changes = is_free & (events.second | ends) & ~at_limit
+    changes = is_free & events.second & ~at_limit
     pushes = contacts.spring_force(gap, speed) > 0
     closed = jnp.where(changes, mode.inside, pushes)
     closed = compliant & past & (enters | closed)
@@ -133,4 +134,4 @@ def compliant_switched(
     is_new = at_limit & (speed != 0)
     contact = jnp.where(is_new, jnp.int8(1), state.contact)
     mode = Mode(closed, compliant & past & ~closed, mode.direction, begins, mode.paradox)
-    return eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode)), at_limit
+    return eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode)), at_limit, events

@@ -163,7 +163,7 @@ def _switch(
         state = sliders_driven(machine, state, sliders)
     at_limit = jnp.zeros_like(hit)
     if COMPLIANT in contacts.laws.kinds:
-        state, at_limit = compliant_switched(machine, state, events, is_set_off, speed)
+        state, at_limit, events = compliant_switched(machine, state, events, is_set_off, speed, is_now)
     struck = _Struck(speed, is_struck, stays)
     state, arrives, events, size = _friction_switched(machine, before, state, events, struck, is_now, sticks)
 
