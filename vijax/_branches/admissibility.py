@@ -46,10 +46,12 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
     last = whole - jnp.sum(unknowns.flights)
     # The event of a negative first flight lies before the start, hence ends the last flight before the cycle ends.
     early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
+    flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
+    have_length = jnp.where(flights > END_OF_FLIGHT * whole, jnp.arange(room + 1), 0)
     return Course(
         sequence=sequence,
         begins=begins,
-        flights=jnp.append(unknowns.flights, 0).at[count].set(last + early),
+        flights=flights,
         count=count,
         skipped=jnp.clip(-last, 0),
         whole=whole,
@@ -59,6 +61,7 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
         phase=problem.phase,
         is_plastic=machine.contacts.is_plastic,
         have_event=elements_of_events(sequence, machine.contacts),
+        before=jnp.concatenate([jnp.zeros_like(count)[None], jax.lax.cummax(have_length)[:-1]]),
     )
 
 

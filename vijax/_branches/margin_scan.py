@@ -13,7 +13,7 @@ from .._jax.arrays import Scalar
 from .._jax.xla import in_lanes_of, is_any
 from .._machine.state import AHEAD, BEHIND, CLOSED, FREE, INSIDE, SPRING
 from .._orbits.cycle import Moment
-from .._orbits.sequence import NOTHING, SECOND, Sequence as CycleEvents, effective, held_in, kept_in
+from .._orbits.sequence import SECOND, Sequence as CycleEvents, effective, held_in, kept_in
 from .._trajectory.batched import row_of_lane
 from .minima import dip
 from .tolerances import END_OF_FLIGHT
@@ -90,6 +90,8 @@ class Course(NamedTuple):
         phase: phase where the cycle begins, in forcing periods.
         is_plastic: whether impacts have no rebound, (stops,).
         have_event: flags of the elements that have each event, see `elements_of_events`, (events, stops).
+        before: number of the last flight before each that has a length, or of the one before it: the events between them
+            are at one instant, (events + 1,).
     """
 
     sequence: CycleEvents
@@ -104,6 +106,7 @@ class Course(NamedTuple):
     phase: Array
     is_plastic: Array
     have_event: Array
+    before: Array
 
 
 class _Minima(NamedTuple):
@@ -194,9 +197,10 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     turns = has_length & ~held & gap.is_there
     turns = turns if idle is None else turns & ~idle
     gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)
-    # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold. Elements that
-    # keep each other at rest take over each other's load on a flight, whose mode is that at its end.
-    is_begun = is_on & is_first & ((k > 0) | (longest > 0))
+    # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold; between events
+    # of one instant it ceases to. Elements that keep each other at rest take over each other's load on a flight, whose mode is
+    # that at its end.
+    is_begun = is_on & is_first & (longest > END_OF_FLIGHT * course.whole)
 
     def of_held() -> _Minima:
         force = dip(before.force, now.force, step, jnp.zeros_like(held))
@@ -239,6 +243,8 @@ def _with_cut_guards(
         return minima
     kind, is_own, duration = of_flight((sequence.kind, course.have_event, course.flights), last)
     is_cut = is_first & (k > 0) & (duration > 0)
+    # Between events of one instant not all that they change has changed.
+    is_behind = is_first & (k > 0) & (of_flight(course.flights, k) > END_OF_FLIGHT * course.whole)
     mode, following = (of_flight(sequence.mode, flight) for flight in (last, k))
     slides_in = lambda mode: sequence.for_guards((mode == AHEAD) | (mode == BEHIND))  # noqa: E731
     is_jump = is_begin = is_end = kind == IMPACT
@@ -254,7 +260,7 @@ def _with_cut_guards(
     freed = held_in(mode) & ~held_in(effective(following)) & ~is_own
     freed = sequence.for_guards(freed) & (before.force[1] < 0)
     forces = forces.lowered(is_cut & freed, before.force[0], at(duration), last)
-    return gaps.lowered(is_cut & slides & (now.gap[1] > 0), now.gap[0], at(0 * duration), k), forces
+    return gaps.lowered(is_behind & slides & (now.gap[1] > 0), now.gap[0], at(0 * duration), k), forces
 
 
 def _before_the_scan(course: Course) -> tuple[_Minima, GapsAndForces]:
@@ -286,11 +292,13 @@ def _leaving_stops(course: Course, flight: Array) -> Array:
     if not len(sequence.kind):
         return jnp.zeros(rests.shape[1:], bool)
     event = jnp.where(flight > 0, flight, course.passed) - 1
-    before = jnp.maximum(event, 0)
-    kind, has_event, rested = of_flight((sequence.kind, course.have_event, rests), before)
-    is_own = has_event & (kind != NOTHING)
+    before = jnp.where(flight > 0, of_flight(course.before, flight), jnp.maximum(event, 0))
+    counts = jnp.cumsum(course.have_event.astype(int), axis=0)
+    counts = jnp.concatenate([jnp.zeros_like(counts[:1]), counts])
+    is_own = of_flight(counts, event + 1) > of_flight(counts, before)
+    rested = of_flight(rests, before)
     if sequence.num_groups > 1:  # a slider leaves its limit beside another one too, whose event is both
-        at, after = (of_flight(sequence.mode, one) for one in (before, before + 1))
+        at, after = (of_flight(sequence.mode, one) for one in (before, jnp.maximum(event, 0) + 1))
         is_own = is_own | ((at == AHEAD) | (at == BEHIND)) & (after == SPRING)
     return (event >= 0) & ~of_flight(rests, flight) & (is_own | rested)
 

@@ -165,7 +165,7 @@ def sequence_of(
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)
     if has_several_of_a_kind(kinds):
         is_event = is_event & ~_follows_an_event(numbers, is_event, event_kinds)
-    is_event, room = is_event.ravel(), size - 2
+    of_instants, is_event, room = is_event, is_event.ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
 
     def gathered(a: Array, fill: int) -> Int[Array, " events"]:
@@ -179,7 +179,13 @@ def sequence_of(
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period
     flights = jnp.where(is_real, jnp.diff(times, prepend=0), 0)
     # The mode at the end of each flight: between events others may take over the load of an element.
-    before, after = before[row], after[row[-1:]]
+    last, before = after[row[-1:]], before[row]
+    if instants.switched is not None:
+        # Of events of one instant each changes its own element, in order, and the first one those without.
+        own, is_earlier = of_instants[row], jnp.arange(num_stops)[None] < stop[:, None]
+        is_second = jnp.any(own & is_earlier, axis=1, keepdims=True)
+        before = jnp.where(is_second & (~own | is_earlier), after[row], before)
+    after = last
     if COMPLIANT in kinds:
         # Without an event a mass leaves the inside of a contact: the last flight of a cycle ends as the first one does.
         after = jnp.where((after == INSIDE) & (before[:1] != INSIDE), jnp.int8(FREE), after)
