@@ -242,9 +242,9 @@ def _with_cut_guards(
     if not len(sequence.kind):
         return minima
     kind, is_own, duration = of_flight((sequence.kind, course.have_event, course.flights), last)
-    is_cut = is_first & (k > 0) & (duration > 0)
     # Between events of one instant not all that they change has changed.
-    is_behind = is_first & (k > 0) & (of_flight(course.flights, k) > END_OF_FLIGHT * course.whole)
+    least = END_OF_FLIGHT * course.whole
+    is_cut, is_behind = (is_first & (k > 0) & (a > least) for a in (duration, of_flight(course.flights, k)))
     mode, following = (of_flight(sequence.mode, flight) for flight in (last, k))
     slides_in = lambda mode: sequence.for_guards((mode == AHEAD) | (mode == BEHIND))  # noqa: E731
     is_jump = is_begin = is_end = kind == IMPACT

@@ -12,7 +12,7 @@ from ..point import BranchPoint, corrected
 from ..requests import Requests
 from ..tolerances import APART, NEAR
 from .corner import Corner, CycleOnWords
-from .following import is_followed_behind, lowest_margin
+from .following import is_behind, is_followed_behind
 
 
 def apart(corner: Corner, trial: CycleOnWords) -> Requests[BranchPoint | None]:
@@ -29,7 +29,7 @@ def apart(corner: Corner, trial: CycleOnWords) -> Requests[BranchPoint | None]:
             continue
         new = BranchPoint.of(sequence, cycle, event.arc)
         away = new.place.distance_of_starts(event.place)
-        if not (away < NEAR and lowest_margin(new, corner, trial.words) >= 0):
+        if not (away < NEAR and is_behind(new, corner, trial.words)):
             continue
         followed = yield from is_followed_behind(new, corner.num_periods)
         if followed is None or not (yield from is_joined(event, new)):

@@ -27,7 +27,7 @@ from ..test_functions import TestFunction, is_plastic, margins, test_slopes
 from ..tolerances import CORNER_NEAR, DOUBLE_ROOT, HALF_DIGITS, NEGLIGIBLE, NO_JUMP, TRIALS_AHEAD
 from .apart import apart
 from .corner import Corner, CornerInstant, CycleOnWords, corner_of
-from .following import is_followed_behind, lowest_margin
+from .following import is_behind, is_followed_behind
 from .residuals import ROWS, residuals_of
 from .words import Elements, meaning, words_between
 
@@ -148,7 +148,7 @@ def _point_on(corner: Corner, trial: CycleOnWords) -> Requests[BranchPoint | Non
 
 def _accepted(corner: Corner, trial: CycleOnWords, new: BranchPoint) -> Requests[BranchPoint | None]:
     """A point behind a corner, if its margins are positive and the machine follows it; else None."""
-    if lowest_margin(new, corner, trial.words) < 0:
+    if not is_behind(new, corner, trial.words):
         return None
     return (yield from is_followed_behind(new, corner.num_periods))
 

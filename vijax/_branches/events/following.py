@@ -1,6 +1,7 @@
 """Whether a machine follows a cycle just behind a corner."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -12,8 +13,26 @@ from ..requests import Requests
 from ..section import in_section
 from ..sequence_edits import Word
 from ..test_functions import TestFunction, tests_of
-from ..tolerances import ECHO_NEAR, ECHO_VALUE, NO_FLIGHT, TRUSTED
+from ..tolerances import ECHO_NEAR, ECHO_VALUE, NO_FLIGHT, ROUNDED, TRUSTED
 from .corner import Corner
+
+
+def is_behind(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> bool:
+    """True if a point on some words has positive margins, and is none of the motions before the corner."""
+    return lowest_margin(point, corner, words) >= 0 and not _is_only_reordered(point, corner, words)
+
+
+def _is_only_reordered(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> bool:
+    """True if words have the events of before, and those in another order are at one instant still, as a symmetry keeps them."""
+    times = np.cumsum(point.place.flights)
+    for at, word in zip(corner.instants, words, strict=True):
+        own, old = ([(letter.kind, letter.stop) for letter in letters] for letters in (word, at.word))
+        if sorted(own) != sorted(old):
+            return False
+        for (i, one), (j, other) in combinations(enumerate(own), 2):
+            if old.index(one) > old.index(other) and abs(times[at.first + j] - times[at.first + i]) > ROUNDED:
+                return False
+    return True
 
 
 def lowest_margin(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> float:
