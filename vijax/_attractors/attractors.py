@@ -66,7 +66,8 @@ def attractors(
         transient: forcing periods before a motion is recorded.
         record: forcing periods that are recorded.
         bounds: lowest and highest of each position, then of each velocity, between which random starts are drawn,
-            (2 n, 2). If left out, twice the motion from rest, up to the stops. None is drawn beyond a rigid stop.
+            (2 n, 2). If left out, twice the motion from rest, up to the stops. None is drawn beyond a rigid stop. Stretches of
+            Jenkins elements are drawn between their limits.
         rng: of the random starts: a whole number, or a `Generator`, `BitGenerator` or
             `SeedSequence` of NumPy, as in SPEC 7; 0 if left out, so that a call can be repeated.
         seed: older name of `rng` for a whole number.

@@ -112,19 +112,23 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     masses in the recorded periods, twice as large.
     """
     system = machine_of(machines.system)
-    n = system.num_coordinates
+    n, own = system.num_coordinates, system.num_masses
+    reach = np.array([float(element.reach) for element in system.hysteresis])
     if bounds is not None:
         given = as_numpy_float(bounds)
         if (
-            given.shape != (2 * n, 2)
+            given.shape not in ((2 * own, 2), (2 * n, 2))
             or not (given[:, 0] <= given[:, 1]).all()
             or not np.isfinite(given).all()
         ):
             raise ValueError(
-                f"Argument `bounds` must hold the lowest and highest position and velocity of each mass, ({2 * n}, 2), "
+                f"Argument `bounds` must hold the lowest and highest position and velocity of each mass, ({2 * own}, 2), "
                 f"lowest first, but has shape {given.shape} or is not in order."
             )
-        return given
+        if len(given) == 2 * n:
+            return given
+        stretches = np.stack([-reach, reach], axis=1)
+        return np.concatenate([given[:own], 0 * stretches, given[own:], stretches])
     low, high = slots(system, system.stops)
     rest = np.concatenate([np.clip(np.zeros(n), low, high), np.zeros(n)])[None]
     zero = np.zeros(1, int)
@@ -134,10 +138,10 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     x, v = (np.nan_to_num(np.abs(ds[name].values)).max(axis=(0, 1)) for name in ("section_x", "section_v"))
     hits = np.nan_to_num(np.abs(ds["impact_velocity"].values)).max(initial=0.0)
     speed = max(float((machines.rate[0] * x).max()), float(v.max()), float(hits)) or 1.0
-    reach = 2 * speed / machines.rate[0]
-    box = np.clip(np.stack([rest[0, :n] - reach, rest[0, :n] + reach]), low, high)
+    away = 2 * speed / machines.rate[0]
+    box = np.clip(np.stack([rest[0, :n] - away, rest[0, :n] + away]), low, high)
     fastest = np.full(n, 2 * speed)
-    fastest[system.num_masses :] = [float(element.reach) for element in system.hysteresis]
+    fastest[own:] = reach
     return np.concatenate([box, np.array([[-1.0], [1.0]]) * fastest], axis=1).T
 
 

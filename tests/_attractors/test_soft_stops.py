@@ -1,0 +1,73 @@
+"""Attractors, shocks and edge states of a mass in a compliant stop, and beside Jenkins elements: those of the same machine written otherwise."""
+
+import numpy as np
+import pytest
+from combinations import Choice
+
+import vijax as vx
+
+# Cycles are polished by a program that takes long to compile.
+pytestmark = pytest.mark.thorough
+QUIET = {"progress": False}
+# Boundaries are found by bisection.
+BISECTED = 1e-6
+WALL = vx.CompliantStop(0, -1.0, "upper", 3.0)
+STARTS = np.random.default_rng(3).uniform([-3.0, -3.0], [2.0, 3.0], (40, 2))
+
+
+def machine(stops=(), frequency=1.7, stiffness=1.0, **parts) -> vx.ImpactSystem:
+    """A mass with a small motion that stays in the stop, at all times deeper than -1, beside a large one that leaves it."""
+    return vx.ImpactSystem([1.0], [[0.04]], [[stiffness]], vx.Harmonic([0.2], frequency), stops, **parts)
+
+
+def answers(system) -> dict[str, np.ndarray]:
+    """What is asked of a machine."""
+    found = vx.attractors(system, STARTS, transient=150, **QUIET)
+    shock = vx.critical_shock(found, 1, direction="v0[0]", rays=16, steps=32, **QUIET)
+    tipping = vx.tipping_probability(found, 0.3 * np.eye(2), 1, samples=200, **QUIET)
+    edge = vx.edge_state(found, max_periods=60, **QUIET)
+    return {
+        "share": found.share.values,
+        "state": np.stack([found.x0.values[:, 0], found.v0.values[:, 0]]),
+        "shock": np.array([shock["size"], shock.kick_x[0], shock.kick_v[0], shock.goes_to]),
+        "tipping": tipping.probability.values,
+        "edge": np.array([edge.x0[0], edge.v0[0], edge.num_periods]),
+    }
+
+
+def same(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> None:
+    for name, a in ours.items():
+        assert np.isfinite(a).all(), name
+        np.testing.assert_allclose(a, theirs[name], rtol=0, atol=BISECTED, err_msg=name)
+
+
+def test_states_in_a_compliant_stop_are_states_as_under_its_force():
+    soft, forced = machine([WALL]), machine(force=Choice(3.0, -1.0))
+    ours = answers(soft)
+    assert ours["state"][0, 1] > -1  # in the stop
+    same(ours, answers(forced))
+    drawn = lambda system: vx.attractors(  # noqa: E731
+        system, 40, bounds=[[-3.0, 2.0], [-3.0, 3.0]], transient=150, **QUIET
+    ).share
+    np.testing.assert_array_equal(drawn(soft), drawn(forced))
+
+
+@pytest.mark.slow
+def test_a_jenkins_element_has_the_shocks_of_its_halves():
+    whole, half = vx.Jenkins(0, 0.1, 0.01), vx.Jenkins(0, 0.05, 0.005)
+    ours = answers(machine([WALL], stiffness=0.9, hysteresis=[whole]))
+    same(ours, answers(machine([WALL], stiffness=0.9, hysteresis=[half] * 2)))
+
+
+def test_a_motion_is_followed_where_a_compliant_stop_moves_over_it():
+    # The stop moves far over the small motion, and back: it goes on, and was thrown onto the surface of the stop.
+    values = np.array([-1.0, -1.2, -1.4])
+    of = lambda stop: vx.follow_attractors(  # noqa: E731
+        stop[0], stop[1], values, STARTS[:10], transient=150, **QUIET
+    )
+    ours = of((machine([WALL]), "stops[0].position"))
+    theirs = of((machine(force=Choice(3.0, -1.0)), "force.position"))
+    for name in ("is_found", "share", "x0", "v0", "successor"):
+        a = ours[name].values[..., 0] if name in ("x0", "v0") else ours[name].values
+        b = theirs[name].values[..., 0] if name in ("x0", "v0") else theirs[name].values
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9, err_msg=name)
