@@ -46,9 +46,11 @@ def test_states_in_a_compliant_stop_are_states_as_under_its_force():
     ours = answers(soft)
     assert ours["state"][0, 1] > -1  # in the stop
     same(ours, answers(forced))
-    drawn = lambda system: vx.attractors(  # noqa: E731
-        system, 40, bounds=[[-3.0, 2.0], [-3.0, 3.0]], transient=150, **QUIET
-    ).share
+    drawn = lambda system: (
+        vx.attractors(  # noqa: E731
+            system, 40, bounds=[[-3.0, 2.0], [-3.0, 3.0]], transient=150, **QUIET
+        ).share
+    )
     np.testing.assert_array_equal(drawn(soft), drawn(forced))
 
 
@@ -62,8 +64,10 @@ def test_a_jenkins_element_has_the_shocks_of_its_halves():
 def test_a_motion_is_followed_where_a_compliant_stop_moves_over_it():
     # The stop moves far over the small motion, and back: it goes on, and was thrown onto the surface of the stop.
     values = np.array([-1.0, -1.2, -1.4])
-    of = lambda stop: vx.follow_attractors(  # noqa: E731
-        stop[0], stop[1], values, STARTS[:10], transient=150, **QUIET
+    of = (
+        lambda stop: vx.follow_attractors(  # noqa: E731
+            stop[0], stop[1], values, STARTS[:10], transient=150, **QUIET
+        )
     )
     ours = of((machine([WALL]), "stops[0].position"))
     theirs = of((machine(force=Choice(3.0, -1.0)), "force.position"))

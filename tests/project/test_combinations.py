@@ -137,9 +137,7 @@ def quantities_of(asked):
 
 def ask_sweep(asked):
     values = {asked.kind.frequency: [2.0, FREQUENCY]}
-    found = vx.sweep(
-        asked.machine, values, transient=20, record=2, quantities=quantities_of(asked), **QUIET
-    )
+    found = vx.sweep(asked.machine, values, transient=20, record=2, quantities=quantities_of(asked), **QUIET)
     for k, frequency in enumerate(values[asked.kind.frequency]):
         period = 2 * np.pi / frequency
         twin = asked.twin_run(22 * period, frequency)

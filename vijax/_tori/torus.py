@@ -113,14 +113,15 @@ def _section_of(point: Bifurcation) -> tuple[SectionMap, np.ndarray]:
     sol = simulate_all(
         orbit.system,
         t0,
-        t0 + later,
+        t0 + orbit.period,
         orbit.x0,
         orbit.v0,
+        ts=[t0 + later],
         args=orbit.args,
         flow=orbit.flow,
         max_events=orbit.events.t.shape[-1],
     )
-    state = np.concatenate([np.asarray(a) for a in (sol.x1, sol.v1)])
+    state = np.concatenate([sol.xs[0], sol.vs[0]])
     n = len(state) // 2
     sizes = np.maximum(np.abs(state), np.abs(np.concatenate([orbit.x0, orbit.v0])))
     size = max(sizes[:n].max(), sizes[n:].max() / frequency)
