@@ -5,6 +5,7 @@ import pytest
 from combinations import Choice
 
 import vijax as vx
+from vijax._attractors.integrity_measures import window_of
 
 # Cycles are polished by a program that takes long to compile.
 pytestmark = pytest.mark.thorough
@@ -75,3 +76,10 @@ def test_a_motion_is_followed_where_a_compliant_stop_moves_over_it():
         a = ours[name].values[..., 0] if name in ("x0", "v0") else ours[name].values
         b = theirs[name].values[..., 0] if name in ("x0", "v0") else theirs[name].values
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9, err_msg=name)
+
+
+def test_the_edge_of_a_grid_is_a_wall_at_a_rigid_stop_alone():
+    axes = {"x0[0]": np.linspace(-3.0, -1.0, 5), "v0[0]": np.linspace(-1.0, 1.0, 5)}
+    walls = lambda stop: window_of(axes, {}, machine([stop]))[0].is_wall.tolist()  # noqa: E731
+    assert walls(vx.Stop(0, -1.0, "upper", 0.7)) == [[False, True], [False, False]]
+    assert walls(WALL) == [[False, False], [False, False]]
