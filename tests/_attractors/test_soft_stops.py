@@ -5,6 +5,7 @@ import pytest
 from combinations import Choice
 
 import vijax as vx
+from vijax._attractors.attractors import machines_of_one
 from vijax._attractors.integrity_measures import window_of
 
 # Cycles are polished by a program that takes long to compile.
@@ -47,11 +48,11 @@ def test_states_in_a_compliant_stop_are_states_as_under_its_force():
     ours = answers(soft)
     assert ours["state"][0, 1] > -1  # in the stop
     same(ours, answers(forced))
-    drawn = lambda system: (
-        vx.attractors(  # noqa: E731
-            system, 40, bounds=[[-3.0, 2.0], [-3.0, 3.0]], transient=150, **QUIET
-        ).share
-    )
+
+    def drawn(system):
+        bounds = [[-3.0, 2.0], [-3.0, 3.0]]
+        return vx.attractors(system, 40, bounds=bounds, transient=150, **QUIET).share
+
     np.testing.assert_array_equal(drawn(soft), drawn(forced))
 
 
@@ -62,20 +63,17 @@ def test_a_jenkins_element_has_the_shocks_of_its_halves():
     same(ours, answers(machine([WALL], stiffness=0.9, hysteresis=[half] * 2)))
 
 
-def test_a_motion_is_followed_where_a_compliant_stop_moves_over_it():
-    # The stop moves far over the small motion, and back: it goes on, and was thrown onto the surface of the stop.
-    values = np.array([-1.0, -1.2, -1.4])
-    of = (
-        lambda stop: vx.follow_attractors(  # noqa: E731
-            stop[0], stop[1], values, STARTS[:10], transient=150, **QUIET
+def test_a_stop_that_moves_over_a_mass_carries_it_along_if_it_is_rigid():
+    state = np.array([[1.7 * -0.5, 0.3]])
+
+    def moved(stop):
+        machines = machines_of_one(
+            "", machine([stop]), None, 1, 2, None, None, None, vx.ExecutionSettings(), None
         )
-    )
-    ours = of((machine([WALL]), "stops[0].position"))
-    theirs = of((machine(force=Choice(3.0, -1.0)), "force.position"))
-    for name in ("is_found", "share", "x0", "v0", "successor"):
-        a = ours[name].values[..., 0] if name in ("x0", "v0") else ours[name].values
-        b = theirs[name].values[..., 0] if name in ("x0", "v0") else theirs[name].values
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9, err_msg=name)
+        return machines.onto_stops(state, np.zeros(1, int))
+
+    np.testing.assert_array_equal(moved(WALL), state)
+    np.testing.assert_allclose(moved(vx.Stop(0, -1.0, "upper", 0.7)), [[-1.7, 0.3]], atol=1e-12)
 
 
 def test_the_edge_of_a_grid_is_a_wall_at_a_rigid_stop_alone():
