@@ -43,8 +43,8 @@ def critical_shock(
     """Find the smallest shock from an attractor after which the motion goes elsewhere, and to where.
 
     A shock changes the state at an instant at phase 0 of the load: by dv, dx, or both. Its size is the norm of (W dx, dv),
-    a speed, W the frequency of the load. Jenkins elements keep their forces. For a shock at another phase, find the attractors of the machine with that
-    phase added to `forcing.phase`, and to those of moving stops. Parts of other basins that are thinner than
+    a speed, W the frequency of the load. Jenkins elements keep their forces. For a shock at another phase, find the
+    attractors of the machine with that phase added to `forcing.phase`, and to those of moving stops. Parts of other basins that are thinner than
     `largest / steps`, or pass between two rays, are missed: where the boundary is fractal thin layers of other basins may lie
     below the size that is found, by more than `size_error`.
 
