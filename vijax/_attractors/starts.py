@@ -155,14 +155,15 @@ def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
 
 
 def slots(system: ImpactSystem, stops: Sequence[AbstractLimit]) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of some stops of each mass at phase 0, infinite where there are none, (n,) each; 0 of Jenkins elements."""
+    """Nearest of some stops on each side of each mass at phase 0, infinite where there are none, (n,) each; 0 of Jenkins elements."""
     ends = {
         side: np.full(system.num_coordinates, far) for side, far in (("lower", -np.inf), ("upper", np.inf))
     }
     for stop in stops:
         if stop.slot is not None:
             mass, side = stop.slot
-            ends[side][mass] = float(np.asarray(stop.at(0.0)))
+            nearer = min if side == "upper" else max  # a rigid stop may stand behind a compliant one
+            ends[side][mass] = nearer(ends[side][mass], float(np.asarray(stop.at(0.0))))
     for end in ends.values():
         end[system.num_masses :] = 0
     return ends["lower"], ends["upper"]
