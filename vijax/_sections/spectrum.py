@@ -104,6 +104,7 @@ def _knots(sol: Solution, begin: float, end: float) -> np.ndarray:
     """Times at which wave forms change from one polynomial to the next."""
     tables, found = sol.machine.tables, [np.zeros(0)]
     for stream in () if tables is None else tables.streams:
+        assert stream.frequency is not None  # the load repeats
         phases = np.asarray(stream.knots)[: int(stream.count)]
         turn = 2 * np.pi / float(stream.frequency)
         turns = np.arange(np.floor(begin / turn), np.ceil(end / turn))

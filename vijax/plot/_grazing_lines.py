@@ -46,7 +46,7 @@ def grazing_values(system: AnySystem, path: str, low: float, high: float) -> np.
             "Argument `grazing` draws where the motion without impacts reaches a stop, which needs a linear machine: this one "
             "has a `force`, parametric terms, friction or hysteresis."
         )
-    if system.forcing.frequency is None or not all(isinstance(a, Harmonic) for a in system.forcing.loads):
+    if system.forcing.why_not_periodic or not all(isinstance(a, Harmonic) for a in system.forcing.loads):
         raise ValueError(
             "Argument `grazing` draws where the motion without impacts reaches a stop, which is known under `vx.Harmonic` loads of "
             "one frequency alone: this machine has another load."
