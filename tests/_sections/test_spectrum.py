@@ -86,3 +86,22 @@ def test_bad_input_is_refused_in_a_sentence():
     short = vx.simulate(system, 0.0, 2.5 * float(system.forcing.period), max_events=4, throw=False)
     with pytest.raises(ValueError, match="larger `max_events`"):
         vx.power_spectrum(short)
+
+
+@pytest.mark.parametrize("kind", ["linear", "previous"])
+def test_the_answer_to_a_wave_form_has_its_jumps_through_the_transfer_function(kind):
+    phases, values = np.array([0.0, 1.0, 2.5, 4.0]), np.array([1.0, -0.5, 0.3, -0.7])
+    frequency, damping, stiffness = 0.9, 0.5, 1.3
+    load = vx.Waveform(phases, values[:, None], frequency, kind)
+    system = vx.ImpactSystem([1.0], [[damping]], [[stiffness]], load)
+    sol = vx.simulate(system, 0.0, 60 * 2 * np.pi / frequency)
+    spectrum = vx.power_spectrum(sol, last=1, window="none")
+    # Integration by parts: jumps of the values where a wave is constant between knots, of the slopes where it is linear.
+    slopes = (np.roll(values, -1) - values) / np.diff(np.append(phases, 2 * np.pi))
+    along, order = (values, 1) if kind == "previous" else (slopes, 2)
+    h = np.arange(1, spectrum.sizes["frequency"])
+    waves = np.exp(-1j * np.outer(h, phases)) @ (along - np.roll(along, 1)) / (2 * np.pi * (1j * h) ** order)
+    speeds = frequency * h
+    expected = waves / (stiffness - speeds**2 + 1j * damping * speeds)
+    np.testing.assert_allclose(spectrum.x[1:, 0], expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(spectrum.v[1:, 0], 1j * speeds * expected, rtol=0, atol=1e-13)

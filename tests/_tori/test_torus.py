@@ -1,5 +1,7 @@
 """Invariant circles of machines: against long runs, refusals, pictures."""
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax.numpy as jnp
 import matplotlib as mpl
@@ -8,6 +10,7 @@ import pytest
 
 import vijax as vx
 from vijax._tori.circle import interpolation, rates
+from vijax._tori.torus import _section_of
 
 mpl.use("Agg")
 
@@ -174,3 +177,18 @@ def test_what_cannot_be_followed_is_refused(branch):
     end = vx.Bifurcation(branch, 0)
     with pytest.raises(ValueError, match='must be of the kind "ns"'):
         vx.follow_torus(end, (1.5, 1.7))
+
+
+@pytest.mark.thorough
+def test_the_section_of_an_orbit_has_the_sliders_of_jenkins_elements():
+    load, stop = vx.Harmonic([0.5], 2.2), vx.Stop(0, 0.1, "upper", 0.7)
+    joint = vx.Jenkins(0, 0.05, 0.0025)
+    system = vx.ImpactSystem([1.0], [[0.1]], [[0.95]], load, [stop], hysteresis=[joint])
+    sol = vx.simulate(system, 0.0, 100 * system.forcing.period, max_events=512)
+    orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
+    point = SimpleNamespace(orbit=orbit, branch=SimpleNamespace(path=FREQUENCY), value=2.2)
+    section, state = _section_of(point)
+    at = section.phase / 2.2
+    x, v = orbit.solution().evaluate(at)
+    stretch = x[0] - orbit.solution().evaluate_sliders(at)[0]
+    np.testing.assert_allclose(state * section.scale, [x[0], 0.0, v[0], stretch], rtol=0, atol=1e-10)

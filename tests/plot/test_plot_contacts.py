@@ -256,3 +256,17 @@ def test_the_motion_while_a_contact_holds_is_drawn_without_a_boundary(sol):
         vx.plot.sticking_region(sol, 1)
     with pytest.raises(ValueError, match="Contact 0 holds its mass at no time"):
         vx.plot.sticking_region(sol, 0, 0)
+
+
+def test_a_phase_portrait_has_the_jumps_that_friction_makes_in_impacts():
+    # A ball hits the floor, and its friction slows the sled under it.
+    load = vx.Harmonic([0.0, 0.0], 1.0, mean=[0.0, -1.0])
+    floor = vx.Contact({1: -1.0}, 0.0, restitution=0.5)
+    rub = vx.Friction({0: 1.0}, coefficient=0.2, contact=0)
+    system = vx.ImpactSystem([1.0, 1.0], 0 * np.eye(2), 0 * np.eye(2), load, [floor], friction=[rub])
+    one = vx.simulate(system, 0.0, 1.9, [0.0, 0.5], [2.0, 0.0])
+    (hit,) = np.flatnonzero(np.asarray(one.events.kind) == vx.IMPACT)
+    found = np.array(jumps(vx.plot.phase_portrait(one, 0, num_samples=SAMPLES)))
+    # The ball comes with the speed 1 and leaves with 1/2: the sled loses 0.2 * 1.5.
+    np.testing.assert_allclose(found[:, :, 1], [[2.0, 1.7]], rtol=0, atol=BEFORE)
+    assert abs(float(one.events.friction_impulse[hit])) == pytest.approx(0.3)

@@ -55,6 +55,25 @@ def test_the_motion_without_impacts_grazes_where_its_closed_form_says():
     np.testing.assert_allclose(found, np.sort(np.concatenate(expected)), rtol=1e-9)
 
 
+def test_a_stop_behind_a_compliant_one_that_is_passed_is_not_grazed_by_the_motion_without_it():
+    wall, soft = vx.Stop(0, 3.0, "upper", 0.8), vx.CompliantStop(0, 2.0, "upper", 1.0)
+    alone = grazing_values(oscillator([soft]), "forcing.frequency", 0.1, 2.0)
+    assert alone.size == 2
+    np.testing.assert_array_equal(
+        grazing_values(oscillator([wall, soft]), "forcing.frequency", 0.1, 2.0), alone
+    )
+    front = vx.Stop(0, 1.5, "upper", 0.8)
+    assert grazing_values(oscillator([front, soft]), "forcing.frequency", 0.1, 2.0).size == 4
+
+
+def test_grazing_under_a_wave_form_is_refused():
+    wave = vx.Waveform([0.0, 3.0], [[1.0], [-1.0]], 0.5)
+    for load in (wave, vx.Harmonic([1.0], 0.5) + wave, vx.Harmonic([1.0], 0.5) + vx.Harmonic([1.0], 0.7)):
+        system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [vx.Stop(0, 2.0, "upper", 0.8)])
+        with pytest.raises(ValueError, match="loads of one frequency alone"):
+            grazing_values(system, "damping[0][0]", 0.05, 0.2)
+
+
 def test_a_motion_that_reaches_no_stop_or_always_one_has_no_grazing():
     assert (
         grazing_values(oscillator([vx.Stop(0, 50.0, "upper", 0.8)]), "forcing.frequency", 0.1, 2.0).size == 0

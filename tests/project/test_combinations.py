@@ -23,8 +23,8 @@ from vijax.studio.command_line.main import main
 mpl.use("Agg")
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "combinations.md"
-# Errors of a step with a force, of a trajectory, and of what Newton's method finds.
-STEP, ROUNDING, FOUND = 1e-12, 1e-10, 1e-9
+# Errors of a step with a force, of a trajectory, of what Newton's method finds, and of maxima and means of samples.
+STEP, ROUNDING, FOUND, SAMPLED = 1e-12, 1e-10, 1e-9, 1e-6
 QUIET = {"progress": False}
 # A position that the mass passes.
 PLACE = -0.05
@@ -108,22 +108,52 @@ def ask_derivatives(asked):
     close(slope, (ends[1] - ends[0]) / (2 * step), 1e-5)
 
 
+def check_quantities(asked, found, twin, begin, parts=1):
+    """Quantities of one point of a sweep are those of the twin since a time, summed in `parts`."""
+    end = float(twin.t1)
+    log, hits = twin.events, np.asarray(twin.events.t)
+    is_late = (hits > begin) & (hits < end)
+    ts = np.sort(np.concatenate([np.linspace(begin, end, 20001), hits[is_late]]))
+    x = np.asarray(twin.evaluate(ts)[0])
+    n = asked.num_masses
+    close(found.max_position[:n], x.max(axis=0), SAMPLED)
+    close(found.rms_position[:n] ** 2, np.trapezoid(x**2, ts, axis=0) / (end - begin), SAMPLED)
+    is_ours = is_late & (np.asarray(log.kind) == vx.IMPACT) & (np.asarray(log.stop) == 0)
+    close(found.impact_rate[0], np.count_nonzero(is_ours) / (end - begin))
+    first = twin.evaluate(begin + (end - begin) / parts if parts > 1 else begin)[0]
+    span = (end - begin) * ((parts - 1) / parts if parts > 1 else 1)
+    close(found.mean_velocity[:n], (twin.x1 - first) / span)
+    if "impulse" in found:
+        close(found.impulse[..., 0].sum(), np.abs(np.asarray(log.impulse)[is_ours]).sum())
+
+
+def quantities_of(asked):
+    """Quantities that every machine has, and the impulse where no rigid contact joins masses."""
+    machine = asked.machine.system if isinstance(asked.machine, vx.Family) else asked.machine
+    has_contact = any(isinstance(stop, vx.Contact) for stop in machine.stops)
+    names = ["max_position", "rms_position", "impact_rate", "mean_velocity"]
+    return names if has_contact else [*names, "impulse"]
+
+
 def ask_sweep(asked):
     values = {asked.kind.frequency: [2.0, FREQUENCY]}
-    found = vx.sweep(asked.machine, values, transient=20, record=2, quantities=["max_position"], **QUIET)
+    found = vx.sweep(asked.machine, values, transient=20, record=2, quantities=quantities_of(asked), **QUIET)
     for k, frequency in enumerate(values[asked.kind.frequency]):
-        twin = asked.twin_run(22 * 2 * np.pi / frequency, frequency)
+        period = 2 * np.pi / frequency
+        twin = asked.twin_run(22 * period, frequency)
         close(found.x.values[k, : asked.num_masses], twin.x1)
+        check_quantities(asked, found.isel({asked.kind.frequency: k}), twin, 20 * period, 2)
 
 
 def ask_duration(asked):
     values = {asked.kind.position: [POSITION, 0.2]}
     found = vx.sweep(
-        asked.machine, values, duration=10.0, ts=[5.0, 10.0], quantities=["rms_position"], **QUIET
+        asked.machine, values, duration=10.0, ts=[5.0, 10.0], quantities=quantities_of(asked), **QUIET
     )
     for k, position in enumerate(values[asked.kind.position]):
         twin = asked.twin_run(10.0, position=position)
         close(found.xs.values[k, :, : asked.num_masses], [twin.evaluate(5.0)[0], twin.x1])
+        check_quantities(asked, found.isel({asked.kind.position: k}), twin, 0.0)
 
 
 def ask_ensemble(asked):

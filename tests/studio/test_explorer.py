@@ -113,6 +113,25 @@ def test_the_motion_of_a_point_is_that_of_the_sweep(sweep):
         motion_at(lost, {FREQUENCY: 1.3})
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "parts",
+    [
+        pytest.param({"stops": [vx.CompliantStop(0, -1.0, "upper", 3.0)]}, id="in a compliant stop"),
+        pytest.param({"hysteresis": [vx.Jenkins(0, 0.5, 0.1)]}, id="Jenkins element"),
+    ],
+)
+def test_a_changed_machine_goes_on_from_the_whole_state_of_the_sweep(parts):
+    def system(stiffness):
+        return vx.ImpactSystem([1.0], [[0.05]], [[stiffness]], vx.Harmonic([0.2], 1.1), **parts)
+
+    ds = vx.sweep(system(1.0), {FREQUENCY: [1.1, 1.2]}, transient=3, record=8, progress=False)
+    changed = motion_at(ds, {FREQUENCY: 1.1}, {"stiffness[0][0]": 1.2})
+    whole = vx.simulate(system(1.2), 0.0, 11 * 2 * np.pi / 1.1, ds.x[0].values, ds.v[0].values)
+    np.testing.assert_allclose(changed.solution.x1, whole.x1, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(changed.solution.sliders1, whole.sliders1, rtol=0, atol=ROUNDING)
+
+
 def test_every_number_that_can_be_changed_has_a_path_and_its_value():
     system = vx.models.wagg_bishop_b(0.8)
     numbers = scalar_parameters(system)

@@ -66,7 +66,8 @@ def attractors(
         transient: forcing periods before a motion is recorded.
         record: forcing periods that are recorded.
         bounds: lowest and highest of each position, then of each velocity, between which random starts are drawn,
-            (2 n, 2). If left out, twice the motion from rest, as far as the stops let it. None is drawn beyond a stop.
+            (2 n, 2). If left out, twice the motion from rest, up to the stops. None is drawn beyond a rigid stop. Stretches of
+            Jenkins elements are drawn between their limits.
         rng: of the random starts: a whole number, or a `Generator`, `BitGenerator` or
             `SeedSequence` of NumPy, as in SPEC 7; 0 if left out, so that a call can be repeated.
         seed: older name of `rng` for a whole number.
@@ -183,7 +184,7 @@ def _found(machines: Machines, starts: Starts, *, fold: bool, progress: bool) ->
     # Of a grid, starts beyond a stop are left out; a listed one is refused.
     is_in = np.ones(len(starts.states), bool)
     if START not in starts.axes:
-        is_in = ~is_beyond(machine_of(machines.system), starts.states, rigid=True)
+        is_in = ~is_beyond(machine_of(machines.system), starts.states)
     if not is_in.any():
         raise ValueError("Every start of the grid lies beyond a stop: name values between the stops.")
     which = np.flatnonzero(is_in)

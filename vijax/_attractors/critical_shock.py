@@ -43,8 +43,8 @@ def critical_shock(
     """Find the smallest shock from an attractor after which the motion goes elsewhere, and to where.
 
     A shock changes the state at an instant at phase 0 of the load: by dv, dx, or both. Its size is the norm of (W dx, dv),
-    a speed, W the frequency of the load. For a shock at another phase, find the attractors of the machine with that
-    phase added to `forcing.phase`, and to those of moving stops. Parts of other basins that are thinner than
+    a speed, W the frequency of the load. Jenkins elements keep their forces. For a shock at another phase, find the
+    attractors of the machine with that phase added to `forcing.phase`, and to those of moving stops. Parts of other basins that are thinner than
     `largest / steps`, or pass between two rays, are missed: where the boundary is fractal thin layers of other basins may lie
     below the size that is found, by more than `size_error`.
 
@@ -159,7 +159,8 @@ class _Search:
         """
         inner = sizes[:, 1:] if known is None else sizes[:, 1:-1]
         kicks = inner[:, :, None] * units[:, None]
-        label = self.shocks.labels(kicks.reshape(-1, units.shape[1])).reshape(inner.shape)
+        kicks = self.shocks.of_masses(kicks.reshape(-1, units.shape[1]))
+        label = self.shocks.labels(kicks).reshape(inner.shape)
         self.bar.update(label.size)
         if known_label is not None:
             label = np.concatenate([label, known_label[:, None]], axis=1)
@@ -171,8 +172,8 @@ class _Search:
 
 
 def _directions(shocks: Shocks, direction: str | Numbers | None, count: int) -> np.ndarray:
-    """Unit vectors (W x, v), (rays, 2 n)."""
-    size = len(shocks.state)
+    """Unit vectors (W x, v) of the masses, (rays, 2 n)."""
+    size = len(shocks.scale)
     n = size // 2
     if direction is None:
         if n == 1:
@@ -190,15 +191,16 @@ def _directions(shocks: Shocks, direction: str | Numbers | None, count: int) -> 
     given = as_numpy_float(direction)
     if given.shape != (size,) or not np.isfinite(given).all() or not given.any():
         raise ValueError(f"Argument `direction` must be (dx, dv), ({size},) and not zero, but is {given}.")
-    unit = given * shocks.machines.scale(np.zeros(1, int))[0]
+    unit = given * shocks.scale
     return (unit / np.linalg.norm(unit))[None]
 
 
 def _dataset(shocks: Shocks, best: tuple[np.ndarray, float, float, int] | None) -> xr.Dataset:
     n = len(shocks.state) // 2
-    unit, low, high, label = best if best is not None else (np.full(2 * n, np.nan), np.nan, np.nan, -1)
-    scale = shocks.machines.scale(np.zeros(1, int))[0]
-    kick, state = high * unit / scale, (shocks.state + high * unit) / scale
+    nothing = np.full(len(shocks.scale), np.nan), np.nan, np.nan, -1
+    unit, low, high, label = nothing if best is None else best
+    kick, scale = shocks.of_masses(high * unit), shocks.machines.scale(np.zeros(1, int))[0]
+    kick, state = kick / scale, (shocks.state + kick) / scale
     return xr.Dataset(
         {
             "size": ((), high, {"long_name": "size of the smallest shock that leads elsewhere"}),

@@ -18,6 +18,7 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
+from .._orbits.find_many import all_coordinates
 from .._orbits.maps import stroboscopic_map
 from .._progress import says_what_compiles, tqdm
 from .shocks import Shocks, shocks_of
@@ -99,7 +100,7 @@ def edge_state(
 
 def _state(shocks: Shocks, name: str, given: Count | tuple[Numbers, Numbers]) -> np.ndarray:
     """State (W x, v) of a start, or on an attractor."""
-    n = shocks.machines.system.num_coordinates
+    system = shocks.machines.system
     if not isinstance(given, tuple | list):
         number = whole_number(name, given)
         if number >= len(shocks.motions):
@@ -108,9 +109,18 @@ def _state(shocks: Shocks, name: str, given: Count | tuple[Numbers, Numbers]) ->
             )
         return shocks.motions[number].points[0]
     parts = [as_numpy_float(a) for a in given]
-    if len(parts) != 2 or any(a.shape != (n,) or not np.isfinite(a).all() for a in parts):
-        raise ValueError(f"Argument `{name}` must be positions and velocities, ({n},) each, but is {given}.")
-    return np.concatenate(parts) * shocks.machines.scale(np.zeros(1, int))[0]
+    sizes = (system.num_masses,), (system.num_coordinates,)
+    if (
+        len(parts) != 2
+        or parts[0].shape != parts[1].shape
+        or parts[0].shape not in sizes
+        or not np.isfinite(parts).all()
+    ):
+        raise ValueError(
+            f"Argument `{name}` must be positions and velocities, ({system.num_masses},) each, but is {given}."
+        )
+    state = all_coordinates(system, np.concatenate(parts)[None])[0]
+    return state * shocks.machines.scale(np.zeros(1, int))[0]
 
 
 def _checked_labels(shocks: Shocks, ends: np.ndarray) -> tuple[int, int]:

@@ -137,7 +137,7 @@ class Machines:
         """
         scale = self.scale(machine)
         x, v = np.split(states / scale, 2, axis=1)
-        for stop in self.lanes(machine).stops:
+        for stop in rigid_stops(self.lanes(machine)):
             size, gap = _size_and_gap(stop, x)
             beyond = np.where((gap < 0) & (gap >= -within * size), gap, 0)
             row = stop.coefficients
@@ -206,6 +206,11 @@ class Machines:
 def frequencies_at(system: AnySystem, values: dict[str, np.ndarray], num_machines: int) -> np.ndarray:
     """W of machines that differ by some quantities, (machines,)."""
     return np.array(np.broadcast_to(_lanes_at(system, values).forcing.frequency, num_machines))
+
+
+def rigid_stops(system: ImpactSystem) -> list[AbstractLimit]:
+    """The stops beyond which no state lies: a compliant one yields."""
+    return [stop for stop in system.stops if not stop.is_compliant]
 
 
 def _lanes_at(system: AnySystem, values: dict[str, np.ndarray]) -> ImpactSystem:

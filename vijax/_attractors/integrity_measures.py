@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._system.system import ImpactSystem
+from .ensemble import rigid_stops
 from .starts import slots
 
 # A stop stands at an edge within this fraction of the window.
@@ -79,7 +80,7 @@ def window_of(
         mass = re.fullmatch(r"x0\[(\d+)\]", path)
         if mass and system is not None:
             near = _AT_EDGE * np.ptp(a)
-            ends = (side[int(mass[1])] for side in slots(system))
+            ends = (side[int(mass[1])] for side in slots(system, rigid_stops(system)))
             row[:] = [abs(end - known) <= near for end, known in zip(ends, a[[0, -1]], strict=True)]
     scaled = tuple(a / one for a, one in zip(axes.values(), length, strict=True))
     return Window(tuple(axes), scaled, length, is_wall), order

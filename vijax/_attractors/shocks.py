@@ -30,6 +30,8 @@ class Shocks:
         motions: its attractors.
         number: index of the one that is shocked.
         state: its state (W x, v) at the shock, (2 n,).
+
+    Shocks are those of masses: Jenkins elements keep their forces.
     """
 
     machines: Machines
@@ -37,8 +39,18 @@ class Shocks:
     number: int
     state: np.ndarray
 
+    @property
+    def scale(self) -> np.ndarray:
+        """Factors that turn shocks (dx, dv) into (W dx, dv), (2 masses,)."""
+        return np.repeat([self.machines.rate[0], 1.0], self.machines.system.num_masses)
+
+    def of_masses(self, kicks: np.ndarray) -> np.ndarray:
+        """Shocks (W x, v) of all coordinates, (..., 2 n), from those of the masses, (..., 2 masses)."""
+        none = [(0, 0)] * (kicks.ndim - 1) + [(0, len(self.machines.system.hysteresis))]
+        return np.concatenate([np.pad(a, none) for a in np.split(kicks, 2, axis=-1)], axis=-1)
+
     def is_beyond(self, kicks: np.ndarray) -> np.ndarray:
-        """True where a shock (W x, v), (points, 2 n), would throw a mass beyond a stop."""
+        """True where a shock (W x, v), (points, 2 n), would throw a mass beyond a rigid stop."""
         return is_beyond(machine_of(self.machines.system), self.states(kicks))
 
     def states(self, kicks: np.ndarray) -> np.ndarray:
@@ -48,7 +60,7 @@ class Shocks:
     def labels(self, kicks: np.ndarray, *, progress: bool = False) -> np.ndarray:
         """The attractor to which each shock leads, -1 where none of the known ones is reached.
 
-        Where a mass would be thrown beyond a stop, there is no such shock, and the label is that of the attractor.
+        Where a mass would be thrown beyond a rigid stop, there is no such shock, and the label is that of the attractor.
         """
         label = np.full(len(kicks), self.number)
         which = np.flatnonzero(~self.is_beyond(kicks))

@@ -1,6 +1,6 @@
 """Starts of many motions of one machine: listed, on a grid, or drawn at random."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -12,9 +12,10 @@ from .._orbits.find_many import all_coordinates, given_states
 from .._sweep.short_names import without_names
 from .._sweep.zipped import START
 from .._system.checks import is_past
+from .._system.contact import AbstractLimit
 from .._system.parameters import find_parameter
 from .._system.system import AnySystem, ImpactSystem, machine_of
-from .ensemble import Machines
+from .ensemble import Machines, rigid_stops
 
 # Number of times that starts beyond stops are drawn again.
 _TRIES = 200
@@ -93,7 +94,7 @@ def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Number
 
 
 def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, rng: np.random.Generator) -> Starts:
-    """Starts drawn uniformly between bounds, (2 n, 2), none of them beyond a stop."""
+    """Starts drawn uniformly between bounds, (2 n, 2), none of them beyond a rigid stop."""
     states = np.empty((count, len(bounds)), as_numpy_float(0.0).dtype)
     left, (low, high) = np.arange(count), bounds.T
     for _ in range(_TRIES):
@@ -111,20 +112,24 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     masses in the recorded periods, twice as large.
     """
     system = machine_of(machines.system)
-    n = system.num_coordinates
+    n, own = system.num_coordinates, system.num_masses
+    reach = np.array([float(element.reach) for element in system.hysteresis])
     if bounds is not None:
         given = as_numpy_float(bounds)
         if (
-            given.shape != (2 * n, 2)
+            given.shape not in ((2 * own, 2), (2 * n, 2))
             or not (given[:, 0] <= given[:, 1]).all()
             or not np.isfinite(given).all()
         ):
             raise ValueError(
-                f"Argument `bounds` must hold the lowest and highest position and velocity of each mass, ({2 * n}, 2), "
+                f"Argument `bounds` must hold the lowest and highest position and velocity of each mass, ({2 * own}, 2), "
                 f"lowest first, but has shape {given.shape} or is not in order."
             )
-        return given
-    low, high = slots(system)
+        if len(given) == 2 * n:
+            return given
+        stretches = np.stack([-reach, reach], axis=1)
+        return np.concatenate([given[:own], 0 * stretches, given[own:], stretches])
+    low, high = slots(system, system.stops)
     rest = np.concatenate([np.clip(np.zeros(n), low, high), np.zeros(n)])[None]
     zero = np.zeros(1, int)
     ds = machines.run(
@@ -133,34 +138,32 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     x, v = (np.nan_to_num(np.abs(ds[name].values)).max(axis=(0, 1)) for name in ("section_x", "section_v"))
     hits = np.nan_to_num(np.abs(ds["impact_velocity"].values)).max(initial=0.0)
     speed = max(float((machines.rate[0] * x).max()), float(v.max()), float(hits)) or 1.0
-    reach = 2 * speed / machines.rate[0]
-    box = np.clip(np.stack([rest[0, :n] - reach, rest[0, :n] + reach]), low, high)
+    away = 2 * speed / machines.rate[0]
+    box = np.clip(np.stack([rest[0, :n] - away, rest[0, :n] + away]), low, high)
     fastest = np.full(n, 2 * speed)
-    fastest[system.num_masses :] = [float(element.reach) for element in system.hysteresis]
+    fastest[own:] = reach
     return np.concatenate([box, np.array([[-1.0], [1.0]]) * fastest], axis=1).T
 
 
-def is_beyond(system: ImpactSystem, states: np.ndarray, *, rigid: bool = False) -> np.ndarray:
-    """True where states at phase 0, (points, 2 n), lie beyond a stop of a machine, or of one each, lanes last.
-
-    A mass may move beyond a compliant stop: these do not count if only `rigid` ones do.
-    """
+def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
+    """True where states at phase 0, (points, 2 n), lie beyond a rigid stop of a machine, or of one each, lanes last."""
     x, beyond = states[:, : system.num_masses].T, np.zeros(len(states), bool)
-    for stop in jax.tree.map(np.asarray, system.stops):  # each operation on JAX's arrays would be a program
-        if not (rigid and stop.is_compliant):
-            beyond |= np.asarray(is_past(stop, x, 0.0))
+    # Each operation on JAX's arrays would be a program.
+    for stop in jax.tree.map(np.asarray, rigid_stops(system)):
+        beyond |= np.asarray(is_past(stop, x, 0.0))
     return beyond
 
 
-def slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the stops of each mass at phase 0, infinite where there are none, (n,) each; 0 of Jenkins elements."""
+def slots(system: ImpactSystem, stops: Sequence[AbstractLimit]) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest of some stops on each side of each mass at phase 0, infinite where there are none, (n,) each; 0 of Jenkins elements."""
     ends = {
         side: np.full(system.num_coordinates, far) for side, far in (("lower", -np.inf), ("upper", np.inf))
     }
-    for stop in system.stops:
+    for stop in stops:
         if stop.slot is not None:
             mass, side = stop.slot
-            ends[side][mass] = float(np.asarray(stop.at(0.0)))
+            nearer = min if side == "upper" else max  # a rigid stop may stand behind a compliant one
+            ends[side][mass] = nearer(ends[side][mass], float(np.asarray(stop.at(0.0))))
     for end in ends.values():
         end[system.num_masses :] = 0
     return ends["lower"], ends["upper"]

@@ -34,8 +34,8 @@ def tipping_probability(
 ) -> xr.Dataset:
     """Estimate how probably a random shock throws a motion off its attractor, and to which others.
 
-    Normal shocks with mean 0 come at phase 0 of the load. A mass cannot be thrown beyond a stop: such shocks are drawn
-    again, so that the distribution is that under the condition that the state exists.
+    Normal shocks with mean 0 come at phase 0 of the load. A mass cannot be thrown beyond a rigid stop: such shocks are drawn
+    again, so that the distribution is that under the condition that the state exists. Jenkins elements keep their forces.
 
     Args:
         found: result of `vx.attractors` or `vx.basins`; its transients and records are used again.
@@ -74,7 +74,7 @@ def tipping_probability(
     shocks = shocks_of("tipping_probability", found, attractor, period, flow, executor, settings)
     refuse_single_precision("tipping_probability", shocks.machines.system)
     count = whole_number("samples", samples, 1)
-    kicks = _drawn(shocks, _root(covariance, len(shocks.state)), count, generator_of(rng, seed))
+    kicks = _drawn(shocks, _root(covariance, len(shocks.scale)), count, generator_of(rng, seed))
     label = shocks.labels(kicks, progress=progress)
     _, share, error = share_statistics(label, len(shocks.motions), count)
     away = float((label != shocks.number).mean())
@@ -111,11 +111,10 @@ def _root(covariance: Numbers, size: int) -> np.ndarray:
 
 
 def _drawn(shocks: Shocks, root: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Shocks (W x, v), (samples, 2 n), none of them beyond a stop."""
-    scale = shocks.machines.scale(np.zeros(1, int))
-    kicks, left = np.empty((count, len(root))), np.arange(count)
+    """Shocks (W x, v), (samples, 2 n), none of them beyond a rigid stop."""
+    kicks, left = np.empty((count, len(shocks.state))), np.arange(count)
     for _ in range(_TRIES):
-        kicks[left] = rng.normal(size=(len(left), len(root))) @ root.T * scale
+        kicks[left] = shocks.of_masses(rng.normal(size=(len(left), len(root))) @ root.T * shocks.scale)
         left = left[shocks.is_beyond(kicks[left])]
         if not left.size:
             return kicks

@@ -144,7 +144,7 @@ def run_of_cycle(
     sol = simulate_all(system, t0, t0 + t1, *np.split(start, 2), flow=flow, max_events=room, throw=False)
     end = np.concatenate([sol.x1, sol.v1])
     is_whole = bool(sol.result == RESULTS.successful)
-    return sol if is_whole and _stays(system, start[None], end[None])[0] else None
+    return sol.of_masses if is_whole and _stays(system, start[None], end[None])[0] else None
 
 
 def _stays(system: ImpactSystem, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -222,7 +222,7 @@ class _Cycles:
     def values_of(self, function: Callable[[Solution], Any]) -> np.ndarray:
         """Values of a function of one cycle, points first; NaN where the run leaves the orbit."""
         runs = [self._solution(k) for k in range(self.points.sizes["point"])]
-        values = [None if sol is None else np.asarray(function(sol.of_masses), float) for sol in runs]
+        values = [None if sol is None else np.asarray(function(sol), float) for sol in runs]
         shape = next((one.shape for one in values if one is not None), ())
         return np.stack([np.full(shape, np.nan) if one is None else one for one in values])
 

@@ -30,8 +30,8 @@ from .._system.waves import phase_at
 from .sticking import is_pressed
 
 _NOT_LINEAR = (
-    "The sticking region is known for linear machines alone, but this one has a `force`: look for its releases "
-    "in the log of `vx.simulate` instead."
+    "The sticking region is known for linear machines alone, but this one has a `force` or parametric terms: look "
+    "for its releases in the log of `vx.simulate` instead."
 )
 
 
@@ -201,7 +201,7 @@ def sticking_region(system: AnySystem, held: int | Sequence[int]) -> StickingReg
 
     Raises:
         ValueError: if `held` names no stop, one that does not exist, or two of the same mass, or if the
-            machine has a `force`, or contacts that share inertia.
+            machine has a `force`, parametric terms, or elements or contacts that couple what is held with the rest.
 
     Example:
         ```python
@@ -228,9 +228,9 @@ def sticking_region(system: AnySystem, held: int | Sequence[int]) -> StickingReg
     if system.is_coupled:
         raise ValueError(
             "The sticking region lies in the phase space of masses that stay free while others rest on their stops. In "
-            "this machine, with contacts, a full mass matrix, or two stops of one mass that move differently, what is "
-            "held may be a combination of masses, all of which go on moving: no positions and velocities of single masses "
-            "are left to describe it in. `Solution.contact_force` has the forces along any motion."
+            "this machine, with contacts, friction, Jenkins elements, compliant stops, a full mass matrix, or two stops of one mass "
+            "that move differently, what is held may be a combination of masses, all of which go on moving, and forces "
+            "depend on more than positions and velocities. `Solution.contact_force` has them along any motion."
         )
     masses = [slot[0] for slot in (system.stops[j].slot for j in stops) if slot]
     if len(set(masses)) < len(masses):

@@ -12,6 +12,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._progress import interrupt_with_result, says_what_compiles, tqdm
 from .._sweep.short_names import with_labels
 from .._system.parameters import machine_at
+from .._trajectory.simulate import simulate_all
 from .circle import growth_rates
 from .family import Limits, TorusFamily, first_circle, states_at
 from .section_map import SectionMap
@@ -107,8 +108,20 @@ def _section_of(point: Bifurcation) -> tuple[SectionMap, np.ndarray]:
     """Map of the section farthest from the events of the orbit, and the scaled state of the orbit there."""
     orbit = point.orbit
     frequency = float(orbit.system.forcing.frequency)
-    phase = float(orbit.phase) + frequency * _longest_rest(orbit)
-    state = np.concatenate([np.asarray(a) for a in orbit.solution().evaluate(phase / frequency)])
+    t0, later = float(orbit.phase) / frequency, _longest_rest(orbit)
+    phase = float(orbit.phase) + frequency * later
+    sol = simulate_all(
+        orbit.system,
+        t0,
+        t0 + orbit.period,
+        orbit.x0,
+        orbit.v0,
+        ts=[t0 + later],
+        args=orbit.args,
+        flow=orbit.flow,
+        max_events=orbit.events.t.shape[-1],
+    )
+    state = np.concatenate([sol.xs[0], sol.vs[0]])
     n = len(state) // 2
     sizes = np.maximum(np.abs(state), np.abs(np.concatenate([orbit.x0, orbit.v0])))
     size = max(sizes[:n].max(), sizes[n:].max() / frequency)

@@ -117,7 +117,7 @@ def bifurcation(
         orbits: result of `vx.periodic_orbits(ds)`, to mark the points of the sweep that it polished; or orbits of the
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
         resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
-        grazing: draw where the steady motion without impacts just reaches a stop, for linear machines.
+        grazing: draw where the steady motion without impacts just reaches a stop, for linear machines under harmonics of one frequency.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         labels: words of the axes, by the path of the swept quantity and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.

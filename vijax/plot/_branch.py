@@ -117,7 +117,7 @@ def branch(
             "max_position", one panel whatever the stop; of the stop; or a number of the user's own.
         mass: the mass whose quantity is drawn.
         resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
-        grazing: draw where the steady motion without impacts just reaches a stop, for linear machines.
+        grazing: draw where the steady motion without impacts just reaches a stop, for linear machines under harmonics of one frequency.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         labels: words of the axes, by the path of the parameter and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.

@@ -1,6 +1,5 @@
 """Stops and contacts in pictures: their names, the masses they act on, their positions."""
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._machine.kinds import RIGID
@@ -46,13 +45,6 @@ def row_of(sol: Solution, number: int) -> np.ndarray:
 def masses_of(sol: Solution, number: int) -> list[int]:
     """The masses on which a stop or contact acts."""
     return np.flatnonzero(row_of(sol, number)).tolist()
-
-
-def masses_with_jump(sol: Solution, number: int) -> list[int]:
-    """The masses whose velocities jump at an impact: with a full mass matrix also masses it does not act on."""
-    return np.flatnonzero(
-        np.asarray(sol.machine.contacts.inverse_mass_times(jnp.asarray(row_of(sol, number))))
-    ).tolist()
 
 
 def place_on_axis(sol: Solution, number: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -14,8 +14,9 @@ from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.description import build_from
 from .._system.family_description import system_from
 from .._system.force_description import NAMED_FORCE
+from .._system.forcing import Harmonic
 from .._system.parameters import machine_at
-from .._system.system import AnySystem
+from .._system.system import AnySystem, machine_of
 from .._system.waves import Waves
 from ._axes import label_if_new
 from ._colors import ink
@@ -24,6 +25,8 @@ from ._colors import ink
 _VALUES, _PHASES = 400, 512
 # Halvings of the interval between two values, down to rounding.
 _HALVINGS = 44
+# A gap of this share of the largest is closed, not passed.
+_ROUNDED = 1e-9
 
 
 def grazing_values(system: AnySystem, path: str, low: float, high: float) -> np.ndarray:
@@ -41,7 +44,12 @@ def grazing_values(system: AnySystem, path: str, low: float, high: float) -> np.
     if system.force is not None or system.friction or system.hysteresis:
         raise ValueError(
             "Argument `grazing` draws where the motion without impacts reaches a stop, which needs a linear machine: this one "
-            "has a `force`, friction or hysteresis."
+            "has a `force`, parametric terms, friction or hysteresis."
+        )
+    if system.forcing.why_not_periodic or not all(isinstance(a, Harmonic) for a in system.forcing.loads):
+        raise ValueError(
+            "Argument `grazing` draws where the motion without impacts reaches a stop, which is known under `vx.Harmonic` loads of "
+            "one frequency alone: this machine has another load."
         )
     least_gaps = jax.vmap(_least_gaps_along(system, path))
     values = np.linspace(low, high, _VALUES)
@@ -59,7 +67,14 @@ def grazing_values(system: AnySystem, path: str, low: float, high: float) -> np.
         gap = np.asarray(least_gaps(jnp.asarray(middle)))[np.arange(len(k)), contact]
         is_before = (gap > 0) == is_open
         before, after = np.where(is_before, middle, before), np.where(is_before, after, middle)
-    return np.sort((before + after) / 2)
+    # In a compliant stop the motion is another one.
+    found = (before + after) / 2
+    gaps = np.asarray(least_gaps(jnp.asarray(found)))
+    yields = np.array([stop.is_compliant for stop in machine_of(system).stops])
+    is_passed = (
+        yields & (np.arange(len(yields)) != contact[:, None]) & (gaps < -_ROUNDED * np.abs(gaps).max())
+    )
+    return np.sort(found[~is_passed.any(axis=1)])
 
 
 def draw_grazing(panels: Iterable[Axes], ds: xr.Dataset, path: str) -> None:

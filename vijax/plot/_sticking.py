@@ -99,10 +99,13 @@ def sticking_region(
 
 
 def _mass_to_draw(sol: Solution, stop: int, mass: int | None) -> int:
-    machine = sol.machine
-    n = machine.num_masses
+    machine, n = sol.machine, sol.x1.shape[-1]
     check_index("stop", stop, machine.contacts.num)
     others = [i for i in range(n) if i != machine.contacts.masses[stop]]
+    if not others:
+        raise ValueError(
+            "The plane is that of a mass beside the one that is held, but the machine has no other."
+        )
     if mass is None and len(others) != 1:
         raise ValueError(f"Argument `mass` must be one of {others}: name the mass that is to be drawn.")
     mass = others[0] if mass is None else mass

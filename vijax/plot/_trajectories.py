@@ -19,12 +19,14 @@ from ._axes import (
     label_phase_plane,
 )
 from ._colors import curve_colors, curve_styles, ink, merge_style
-from ._contacts import is_rigid, masses_of, masses_with_jump, name_in, place_on_axis
+from ._contacts import is_rigid, masses_of, name_in, place_on_axis
 from ._labels import LENGTH, TIME, Units, with_unit
 from ._legend import add_legend
 from ._orbits import solution_of
 
 HELD = "#f59b42"
+# Differences of velocities below this, relative to the largest, are no jumps.
+_ROUNDING = 1e-9
 
 Span = tuple[float, float]
 
@@ -289,8 +291,7 @@ def _draw_ends(ax: Axes, sol: Solution, mass: int, span: Span) -> None:
 def _impacts(sol: Solution, mass: int, span: Span) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, positions, and velocities before and after, of the impacts that change the velocity of a mass."""
     contacts, log = sol.machine.contacts, sol.events
-    ours = [j for j in range(contacts.num - sol.num_sliders) if mass in masses_with_jump(sol, j)]
-    is_it = is_event(sol, ours, IMPACT, span)
+    is_it = is_event(sol, list(range(contacts.num)), IMPACT, span)
     t, stop, minus, plus = (
         np.asarray(a)[is_it] for a in (log.t, log.stop, log.velocity_minus, log.velocity_plus)
     )
@@ -298,7 +299,10 @@ def _impacts(sol: Solution, mass: int, span: Span) -> tuple[np.ndarray, np.ndarr
     # At its own stops the log has the velocities of the mass. At others, evaluate at the largest float below t.
     before = np.asarray(sol.evaluate(np.nextafter(t, -np.inf).clip(float(sol.t0)))[1])[:, mass]
     is_own = np.array(contacts.masses, int)[stop] == mass
-    return t, x, np.where(is_own, minus, before), np.where(is_own, plus, after)
+    # What acts on others jumps too: by the mass matrix, friction of the contact, or contacts that rest.
+    jumps = is_own | (np.abs(after - before) > _ROUNDING * np.abs([before, after]).max(initial=0))
+    before, after = np.where(is_own, minus, before), np.where(is_own, plus, after)
+    return t[jumps], x[jumps], before[jumps], after[jumps]
 
 
 def is_event(sol: Solution, stops: list[int], kind: int, span: Span) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from ..._orbits.orbit import PeriodicOrbit
 from ..._orbits.periodic_orbit import periodic_orbit
 from ..._system.system import AnySystem
-from ..._trajectory.simulate import simulate
+from ..._trajectory.simulate import simulate_all
 from .datasets import check_target, write_dataset
 from .machines import add_start, command_with_machine, machine_of, start_of
 from .pictures import check_picture, draw_to
@@ -81,7 +81,7 @@ def settled_orbit(args: argparse.Namespace, system: AnySystem) -> PeriodicOrbit:
     if args.transient:
         # The log is not needed; that it is full says nothing of the motion.
         span = args.transient * system.forcing.period
-        sol = simulate(system, 0.0, span, x, v, max_events=1, throw=False)
+        sol = simulate_all(system, 0.0, span, x, v, max_events=1, throw=False)
         x, v = np.asarray(sol.x1), np.asarray(sol.v1)
         if not np.isfinite([x, v]).all():
             raise ValueError(f"The machine does not run through {args.transient} periods from this start.")

@@ -17,7 +17,7 @@ from ..._sweep.provenance import system_of
 from ..._system.parameters import get_parameter, parameter_names, set_parameter
 from ..._system.system import AnySystem, bound
 from ..._trajectory.results import RESULTS
-from ..._trajectory.simulate import simulate
+from ..._trajectory.simulate import simulate_all
 from ..._trajectory.solution import Solution
 from ...plot._labels import swept_paths
 from ...plot._ordinates import ordinates
@@ -155,14 +155,19 @@ def scalar_parameters(system: AnySystem) -> dict[str, float]:
 def _settled(
     system: AnySystem, transient: int, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The state after the transient; masses beyond a stop that was moved start on it."""
-    sol = simulated(system, transient * float(system.forcing.period), _between_stops(system, x), v)
+    """The state of all coordinates after the transient; masses beyond a rigid stop that was moved start on it."""
+    sol = _run(system, transient * float(system.forcing.period), _between_stops(system, x), v)
     return np.asarray(sol.x1), np.asarray(sol.v1)
 
 
 def simulated(system: AnySystem, end: float, x: np.ndarray, v: np.ndarray) -> Solution:
     """The trajectory from a state at phase 0, also one whose log is full; raise if it failed."""
-    sol = simulate(system, 0.0, end, x, v, flow=flow_of(system), max_events=_EVENTS, throw=False)
+    return _run(system, end, x, v).of_masses
+
+
+def _run(system: AnySystem, end: float, x: np.ndarray, v: np.ndarray) -> Solution:
+    """The same with coordinates of Jenkins elements."""
+    sol = simulate_all(system, 0.0, end, x, v, flow=flow_of(system), max_events=_EVENTS, throw=False)
     if not (sol.result == RESULTS.successful or sol.result == RESULTS.max_events_reached):
         raise RuntimeError(RESULTS[sol.result])
     return sol
@@ -177,11 +182,11 @@ def flow_of(system: AnySystem) -> AbstractFlow | None:
 
 
 def _between_stops(system: AnySystem, x: np.ndarray) -> np.ndarray:
-    """Positions with every mass beyond a stop moved onto it."""
+    """Positions with every mass beyond a rigid stop moved onto it."""
     x = np.array(x, float)
     for stop in system.stops:
         gap = float(stop.gap(jnp.asarray(x), jnp.asarray(0.0)))
-        if stop.slot is not None and gap < 0:
+        if stop.slot is not None and not stop.is_compliant and gap < 0:
             x[stop.slot[0]] += stop.sign * gap
     return x
 
