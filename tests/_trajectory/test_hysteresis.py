@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
+from vijax._trajectory.simulate import simulate_all
 
 ROUNDING = 1e-13
 _NO_LOAD = vx.Harmonic([0.0], 1.0)
@@ -146,3 +147,13 @@ def test_beside_stops_and_friction_it_is_a_spring_nothing_or_its_halves(beside_o
     assert (moved * np.sign(force[1:]) >= -1e-12).all()
     assert np.abs(moved[np.maximum(np.abs(force[1:]), np.abs(force[:-1])) < 0.2 - 1e-9]).max() < 1e-12
     assert at_limit.any()
+
+
+@pytest.mark.parametrize("stretch", [0.2, np.nextafter(0.2, 0.0), -0.2, -np.nextafter(0.2, 0.0)])
+def test_a_slider_that_starts_at_its_limit_slips_at_once_whatever_the_rounding(stretch):
+    machine = vx.ImpactSystem(
+        [1.0], [[0.1]], [[1.0]], vx.Harmonic([0.5], 1.0), hysteresis=[vx.Jenkins(0, 1.0, 0.2)]
+    )
+    run = simulate_all(machine, 0.0, 0.1, [0.4 * np.sign(stretch), 0.0], [np.sign(stretch), stretch])
+    assert int(run.num_events) == 0
+    assert float(run.v1[1]) == np.sign(stretch) * 0.2

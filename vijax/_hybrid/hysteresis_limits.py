@@ -27,6 +27,7 @@ from .._machine.state import FROZEN, State
 from .just_after import just_after, sign_just_after, zeros_just_after
 from .limits import GAP, SLIP, Limit, Series, behind, each_order, scaled
 from .sticking import usual_speeds
+from .transition import Zeros
 
 
 def is_stuck(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -105,6 +106,14 @@ def at_limits(
     return AtLimit(
         (own & upper) | is_pointlike, (own & lower) | is_pointlike, own & ~sticks & first & ~is_struck
     )
+
+
+def limits_at_start(machine: Machine, state: State) -> Zeros:
+    """Flags of Jenkins elements that start at their limits, but for the rounding of a start that was converted."""
+    contacts, reach = machine.contacts, machine.contacts.laws.reach
+    stretch = contacts.stretches(state.v)
+    least = reach * (1 - 4 * float(jnp.finfo(stretch.dtype).eps))
+    return Zeros(stretch >= least, stretch <= -least)
 
 
 def sliders_driven(machine: Machine, state: State, at: AtLimit) -> State:

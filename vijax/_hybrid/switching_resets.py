@@ -28,7 +28,7 @@ from .friction_chatter import chatter_of, die_out, lightest_bounces, rest_at_lim
 from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
 from .guards import has_one_guard
-from .hysteresis_limits import at_limits, sliders_driven, sliders_settled
+from .hysteresis_limits import at_limits, limits_at_start, sliders_driven, sliders_settled
 from .sticking import is_rounding, usual_speeds
 from .tied_friction import loaded, unloaded
 from .transition import Instant, Zeros, no_switches
@@ -67,8 +67,7 @@ def first_state(
     state = eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode))
     sliders = None
     if JENKINS in contacts.laws.kinds:
-        none = jnp.zeros_like(at_rest)
-        sliders = at_limits(machine, state, (none, none), none)
+        sliders = at_limits(machine, state, limits_at_start(machine, state), jnp.zeros_like(at_rest))
         state = sliders_driven(machine, state, sliders)
     if machine.has_tied_friction:
         presses = at_rest | closed
