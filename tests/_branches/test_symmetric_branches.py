@@ -1,5 +1,8 @@
 """Branches of symmetric machines whose masses hit, stick or close at one instant, as one of them alone does."""
 
+from functools import partial
+
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -55,6 +58,28 @@ def test_a_branch_of_two_masses_that_move_alike_has_the_points_of_one(make, stop
     values = ([point.value for point in points] for points in (known, one.bifurcations))
     np.testing.assert_allclose(*values, rtol=0, atol=1e-9)
     assert float(np.abs(np.abs(two.points.x0[:, 0]) - np.abs(two.points.x0[:, 1])).max()) < 1e-12
+
+
+@pytest.mark.slow
+def test_so_do_curves_in_two_parameters():
+    def loaded(make, frequency, amplitude):
+        machine = make(rigid)
+        signs = np.sign(machine.forcing.amplitude)
+        return eqx.tree_at(lambda m: m.forcing, machine, vx.Harmonic(amplitude * signs, frequency))
+
+    ends = []
+    for make in (alone, in_phase):
+        family = vx.Family(partial(loaded, make), frequency=FREQUENCY, amplitude=AMPLITUDE)
+        start = np.full(family.system.num_masses, 0.1)
+        orbit = vx.periodic_orbit(family, start, start)
+        branch = vx.continuation(orbit, "frequency", BOUNDS, progress=False)
+        for kind in ("fold", "gr"):
+            (point,) = [one for one in branch.bifurcations if one.kind == kind]
+            box = {"frequency": BOUNDS, "amplitude": (0.4, 0.6)}
+            curve = vx.bifurcation_curve(point, "amplitude", box, progress=False)
+            assert curve.attrs["ends"] == '["bounds", "bounds"]'
+            ends.append(np.sort(curve.frequency.values[[0, -1]]))
+    np.testing.assert_allclose(ends[2:], ends[:2], rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow

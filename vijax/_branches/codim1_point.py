@@ -35,6 +35,14 @@ class LinearisedReturn(NamedTuple):
     independence: Reals
 
 
+class CycleOnCurve(NamedTuple):
+    """A cycle on a curve of bifurcations, its tangent, and its speeds of approach at the impacts, (events,)."""
+
+    place: ExtendedCycle
+    tangent: ExtendedCycle
+    speeds: Reals
+
+
 class CurvePoint(NamedTuple):
     """Point of a curve of bifurcations.
 
@@ -65,9 +73,13 @@ class CurvePoint(NamedTuple):
     is_found: Bool[Array, ""]
 
     @property
-    def found(self) -> "CurvePoint":
-        """The point itself: test functions of a sequence read it as they read a cycle of a branch."""
-        return self
+    def found(self) -> CycleOnCurve:
+        """The cycle, as test functions of a sequence read that of a branch."""
+        first = len(self.place.z)
+        flights = self.tangent[first : first + len(self.place.flights)]
+        return CycleOnCurve(
+            self.place, ExtendedCycle(self.tangent[:first], flights, self.direction), self.speeds
+        )
 
 
 @jit_quickly
