@@ -354,7 +354,7 @@ def test_stops_of_one_mass_may_move_differently():
             lambda: vx.simulate(damper(), 0.0, 1.0, [0.0, 0.3]),
             r"The start lies beyond a stop: `row . x0` is past the position of `stops\[0\]`",
         ),
-        (lambda: vx.sticking_region(damper(), 0), "`Solution.contact_force` has the forces"),
+        (lambda: vx.sticking_region(damper(), 0), "`Solution.contact_force` has them along"),
     ],
 )
 def test_what_makes_no_contact_is_refused_with_a_sentence(make, sentence):
