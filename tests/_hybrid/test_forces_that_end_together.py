@@ -15,6 +15,7 @@ UNITS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("units", UNITS)
 def test_a_contact_without_a_force_holds_beside_friction_that_sticks(units):
     mass, length, time = units

@@ -29,6 +29,7 @@ def time_of_rest() -> float:
     return t
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("rubs", [False, True])
 def test_both_masses_come_to_rest_at_the_stop_in_any_units(units, rubs):

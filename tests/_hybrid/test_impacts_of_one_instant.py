@@ -50,6 +50,7 @@ def test_three_bodies():
     np.testing.assert_allclose(sol.x1, np.array([0.1, 0.2, 0.3]) * 12.5, rtol=0, atol=1e-13)
 
 
+@pytest.mark.thorough
 def test_beside_friction():
     """A third mass, away from the others, is held by friction."""
     none, load = np.zeros((3, 3)), vx.Harmonic(np.zeros(3), 1.0, mean=[0.1, 0.3, 0.5])
@@ -69,6 +70,7 @@ def test_derivatives_are_those_of_the_motion_from_rest():
     np.testing.assert_allclose(jax.jacfwd(end)(jnp.array([0.1, 0.3])), np.eye(2) * 12.5, rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_in_a_batch_beside_motions_that_leave():
     system = _row((0.1, 0.3), 0.3, 0.0)
     starts = jnp.array([[0.0, -0.5], [0.0, 0.5], [0.0, -0.25]])

@@ -170,6 +170,7 @@ def test_stops_may_move():
     assert np.min(away, axis=0).max() < 1e-5
 
 
+@pytest.mark.thorough
 def test_the_number_of_points_is_bounded(saddle):
     ds = vx.manifolds(saddle, which="unstable", spacing=1e-3, max_points=50, progress=False)
     assert list(ds["end"]) == ["points", "points"]

@@ -149,6 +149,7 @@ def test_by_the_phase_the_map_changes_by_its_vector_field_at_both_ends():
     np.testing.assert_allclose(matrix, slopes[:, 1:], rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.thorough
 def test_the_multipliers_of_an_orbit_are_the_same_at_every_phase():
     orbit = exact_orbit(0.1, 1.0, 1.0, 1.0, 1.0, 0.8, 2 * np.pi, 1)
     assert orbit.speed == pytest.approx(1.6957329375949, rel=1e-13)

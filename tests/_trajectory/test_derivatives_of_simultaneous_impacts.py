@@ -87,6 +87,7 @@ def test_a_force_has_the_derivatives_of_the_same_springs():
     np.testing.assert_allclose(other, one, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_elastic_impacts_at_one_instant_keep_volumes():
     """Elastic and undamped: the map keeps volumes, so the product of the multipliers is 1."""
     run = end(twins(1.0, np.zeros((2, 2)), r=1.0))

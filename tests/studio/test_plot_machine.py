@@ -134,6 +134,7 @@ WEIGHTS = {
 LONG_TO_COMPILE = ("beads of different mass", "multi_piston", "percussive_drill")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=pytest.mark.slow if name in LONG_TO_COMPILE else []) for name in WEIGHTS],
