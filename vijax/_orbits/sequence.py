@@ -179,12 +179,12 @@ def sequence_of(
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period
     flights = jnp.where(is_real, jnp.diff(times, prepend=0), 0)
     # The mode at the end of each flight: between events others may take over the load of an element.
-    before, behind, after = before[row], after[row], after[row[-1:]]
+    behind, before, after = after, before[row], after[row[-1:]]
     if instants.switched is not None:
         # Of events of one instant each changes its own element, in order, and the first one those without.
         own, is_earlier = of_instants[row], jnp.arange(num_stops)[None] < stop[:, None]
         is_second = jnp.any(own & is_earlier, axis=1, keepdims=True)
-        before = jnp.where(is_second & (~own | is_earlier), behind, before)
+        before = jnp.where(is_second & (~own | is_earlier), behind[row], before)
     if COMPLIANT in kinds:
         # Without an event a mass leaves the inside of a contact: the last flight of a cycle ends as the first one does.
         after = jnp.where((after == INSIDE) & (before[:1] != INSIDE), jnp.int8(FREE), after)
