@@ -13,7 +13,7 @@ from ..requests import Requests
 from ..section import in_section
 from ..sequence_edits import Word
 from ..test_functions import TestFunction, tests_of
-from ..tolerances import ECHO_NEAR, ECHO_VALUE, NO_FLIGHT, ROUNDED, TRUSTED
+from ..tolerances import ECHO_NEAR, ECHO_VALUE, END_OF_FLIGHT, NO_FLIGHT, TRUSTED
 from .corner import Corner
 
 
@@ -24,15 +24,15 @@ def is_behind(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> bool
 
 def _is_only_reordered(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> bool:
     """True if words have the events of before, and those in another order are at one instant still, as a symmetry keeps them."""
-    times = np.cumsum(point.place.flights)
+    times, apart = np.cumsum(point.place.flights), []
     for at, word in zip(corner.instants, words, strict=True):
         own, old = ([(letter.kind, letter.stop) for letter in letters] for letters in (word, at.word))
         if sorted(own) != sorted(old):
             return False
         for (i, one), (j, other) in combinations(enumerate(own), 2):
-            if old.index(one) > old.index(other) and abs(times[at.first + j] - times[at.first + i]) > ROUNDED:
-                return False
-    return True
+            if old.index(one) > old.index(other):
+                apart.append(abs(times[at.first + j] - times[at.first + i]))
+    return bool(apart) and max(apart) < END_OF_FLIGHT
 
 
 def lowest_margin(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> float:
