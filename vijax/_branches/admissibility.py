@@ -47,6 +47,7 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
     # The event of a negative first flight lies before the start, hence ends the last flight before the cycle ends.
     early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
     flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
+    have_event = elements_of_events(sequence, machine.contacts).astype(int)
     have_length = jnp.where(flights > END_OF_FLIGHT * whole, jnp.arange(room + 1), 0)
     return Course(
         sequence=sequence,
@@ -60,7 +61,7 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
         density=machine.rate * machine.period * density_of(sequence),
         phase=problem.phase,
         is_plastic=machine.contacts.is_plastic,
-        have_event=elements_of_events(sequence, machine.contacts),
+        had=jnp.cumsum(jnp.concatenate([jnp.zeros_like(have_event[:1]), have_event]), axis=0),
         before=jnp.concatenate([jnp.zeros_like(count)[None], jax.lax.cummax(have_length)[:-1]]),
     )
 

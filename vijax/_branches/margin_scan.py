@@ -89,7 +89,7 @@ class Course(NamedTuple):
         density: samples per forcing period.
         phase: phase where the cycle begins, in forcing periods.
         is_plastic: whether impacts have no rebound, (stops,).
-        have_event: flags of the elements that have each event, see `elements_of_events`, (events, stops).
+        had: number of events that each element has had before each flight, see `elements_of_events`, (events + 1, stops).
         before: number of the last flight before each that has a length, or of the one before it: the events between them
             are at one instant, (events + 1,).
     """
@@ -105,7 +105,7 @@ class Course(NamedTuple):
     density: Array
     phase: Array
     is_plastic: Array
-    have_event: Array
+    had: Array
     before: Array
 
 
@@ -241,7 +241,8 @@ def _with_cut_guards(
     sequence, last, (before, now), (gaps, forces) = course.sequence, jnp.maximum(k - 1, 0), readings, minima
     if not len(sequence.kind):
         return minima
-    kind, is_own, duration = of_flight((sequence.kind, course.have_event, course.flights), last)
+    kind, duration = of_flight((sequence.kind, course.flights), last)
+    is_own = _have_had(course, last, k)
     # Between events of one instant not all that they change has changed.
     least = END_OF_FLIGHT * course.whole
     is_cut, is_behind = (is_first & (k > 0) & (a > least) for a in (duration, of_flight(course.flights, k)))
@@ -293,9 +294,7 @@ def _leaving_stops(course: Course, flight: Array) -> Array:
         return jnp.zeros(rests.shape[1:], bool)
     event = jnp.where(flight > 0, flight, course.passed) - 1
     before = jnp.where(flight > 0, of_flight(course.before, flight), jnp.maximum(event, 0))
-    counts = jnp.cumsum(course.have_event.astype(int), axis=0)
-    counts = jnp.concatenate([jnp.zeros_like(counts[:1]), counts])
-    is_own = of_flight(counts, event + 1) > of_flight(counts, before)
+    is_own = _have_had(course, before, event + 1)
     rested = of_flight(rests, before)
     if sequence.num_groups > 1:  # a slider leaves its limit beside another one too, whose event is both
         at, after = (of_flight(sequence.mode, one) for one in (before, jnp.maximum(event, 0) + 1))
@@ -308,8 +307,14 @@ def _is_after_plastic(course: Course, flight: Array) -> Array:
     sequence, is_plastic = course.sequence, course.is_plastic
     if not len(sequence.kind):
         return jnp.zeros(is_plastic.shape, bool)
-    kind, is_own = of_flight((sequence.kind, course.have_event), jnp.maximum(flight - 1, 0))
-    return (flight > 0) & (kind == IMPACT) & is_own & is_plastic
+    last = jnp.maximum(flight - 1, 0)
+    is_own = _have_had(course, last, flight)
+    return (flight > 0) & (of_flight(sequence.kind, last) == IMPACT) & is_own & is_plastic
+
+
+def _have_had(course: Course, first: Array, last: Array) -> Array:
+    """Flags of the elements that have an event between two flights, (stops,)."""
+    return of_flight(course.had, last) > of_flight(course.had, first)
 
 
 def _refined(course: Course, reading: Reading, gaps: _Minima, forces: _Minima) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .._jax.arrays import Scalar
+from .._jax.arrays import Reals, Scalar
 from .tables import in_new_period
 
 # Value of `State.contact` for a contact that others keep closed.
@@ -104,6 +104,11 @@ class ModeLayout(NamedTuple):
 # free; `laws_as_numbers` does not.
 FREE, HELD, CLOSED, INSIDE, AHEAD, BEHIND, KEPT, KEPT_AHEAD, KEPT_BEHIND, STICKING = range(10)
 SPRING = -1
+
+
+def rests_in(number: Reals) -> Any:
+    """True for numbers of elements at rest, by themselves or kept so by others."""
+    return (number == HELD) | (number >= KEPT)
 
 
 def laws_as_numbers(state: State) -> Int[Array, "contacts ..."]:

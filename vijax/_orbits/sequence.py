@@ -16,7 +16,7 @@ from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
 from .._machine.switching import SwitchingContacts
 from .._trajectory.event_log import Log, flags_by_kind
-from .side_by_side import as_their_sum, has_several_of_a_kind, side_by_side
+from .side_by_side import SideBySide, as_their_sum, has_several_of_a_kind, side_by_side
 
 NOTHING = -1
 # Internal kind of an event that no log has: a mass leaves a compliant contact that pushed it no more.
@@ -160,11 +160,12 @@ def sequence_of(
     instants, (ended, before, after) = happened.transitions, _modes_at(happened)
     size, num_stops = instants.hit.shape
     is_row, kinds = (jnp.arange(size) < happened.count)[:, None], kinds_of(numbers)
-    if has_several_of_a_kind(kinds):
-        ended, before, after = as_their_sum(numbers, ended, before, after)
+    laws, pairs = numbers.laws, side_by_side(numbers) if has_several_of_a_kind(kinds) else None
+    if laws is not None and pairs is not None:
+        ended, before, after = as_their_sum(laws, pairs, ended, before, after)
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)
-    if has_several_of_a_kind(kinds):
-        is_event = is_event & ~_follows_an_event(numbers, is_event, event_kinds)
+    if pairs is not None:
+        is_event = is_event & ~_follows_an_event(pairs, is_event, event_kinds)
     of_instants, is_event, room = is_event, is_event.ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
 
@@ -223,11 +224,11 @@ def _events_at(
 
 
 def _follows_an_event(
-    numbers: MachineNumbers, is_event: Bool[Array, "rows elements"], kinds: Int[Array, "rows elements"]
+    pairs: SideBySide, is_event: Bool[Array, "rows elements"], kinds: Int[Array, "rows elements"]
 ) -> Bool[Array, "rows elements"]:
     """Flags of events that are one with that of an element before, see `side_by_side`."""
     public = kinds % SECOND
-    begin, end = (own != 0 for own in side_by_side(numbers))
+    begin, end = (own != 0 for own in pairs)
     is_of_one = jnp.where(ends_a_mode(kinds)[:, :, None], end, begin) & (
         public[:, :, None] == public[:, None]
     )

@@ -17,7 +17,7 @@ from .._jax.arrays import Reals
 from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._machine.laws import Laws
 from .._machine.numbers import MachineNumbers
-from .._machine.state import AHEAD, BEHIND, HELD, KEPT
+from .._machine.state import AHEAD, BEHIND, HELD, KEPT, rests_in
 from .._machine.switching import SwitchingContacts
 from .._system.waves import Waves
 
@@ -81,11 +81,9 @@ def _walls_of(numbers: MachineNumbers | SwitchingContacts) -> Waves | None:
     return None if numbers.signs is None else numbers.travel
 
 
-def _shares_of_sums(numbers: MachineNumbers) -> Float[Array, "elements elements"]:
+def _shares_of_sums(laws: Laws, pairs: SideBySide) -> Float[Array, "elements elements"]:
     """Multiples by which followers count for the first of them, in the row of that; 0 for all else."""
-    laws = numbers.laws
-    assert laws is not None
-    kinds, pairs = np.array(laws.kinds), side_by_side(numbers)
+    kinds = np.array(laws.kinds)
     normal = np.array(laws.normal or [-1] * len(kinds))
     rubs = (kinds == FRICTION) & (normal[:, None] == normal[None])
     shares = jnp.where(rubs, pairs.begin, jnp.where((kinds == COMPLIANT)[None], pairs.end, 0))
@@ -97,7 +95,7 @@ def summed(numbers: MachineNumbers) -> MachineNumbers:
     laws = numbers.laws
     if laws is None or max(map(laws.kinds.count, (COMPLIANT, FRICTION))) < 2:
         return numbers
-    shares = jnp.abs(_shares_of_sums(numbers))
+    shares = jnp.abs(_shares_of_sums(laws, side_by_side(numbers)))
     follows = jnp.any(shares != 0, axis=0)
 
     def of_sum(own: Reals | None, order: int) -> Array | None:
@@ -119,23 +117,22 @@ def follower_flags(contacts: SwitchingContacts) -> Bool[Array, " elements"]:
 
 
 def as_their_sum(
-    numbers: MachineNumbers, ended: Array, before: Array, after: Array
+    laws: Laws, pairs: SideBySide, ended: Array, before: Array, after: Array
 ) -> tuple[Int[Array, "rows elements"], Int[Array, "rows elements"], Int[Array, "rows elements"]]:
     """Zeros of guards at instants and the modes before and after, (rows, elements) each, of the machine `summed`."""
-    shares = _shares_of_sums(numbers)
+    shares = _shares_of_sums(laws, pairs)
     follows, leads = (jnp.any(shares != 0, axis=axis)[None] for axis in (0, 1))
-    rests = lambda mode: (mode == HELD) | (mode >= KEPT)  # noqa: E731
 
     def summed_mode(mode: Array) -> Array:
         is_held = jnp.any((shares != 0)[None] & (mode == HELD)[:, None], axis=2)
-        mode = jnp.where(leads & rests(mode) & is_held, jnp.int8(HELD), mode)
-        return jnp.where(follows & rests(mode), jnp.int8(KEPT), mode)
+        mode = jnp.where(leads & rests_in(mode) & is_held, jnp.int8(HELD), mode)
+        return jnp.where(follows & rests_in(mode), jnp.int8(KEPT), mode)
 
     before, after = summed_mode(before), summed_mode(after)
     # By the bound that the sum has reached, not by that of the first one, which may have been there all along.
-    slips = rests(before) & ((after == AHEAD) | (after == BEHIND))
+    slips = rests_in(before) & ((after == AHEAD) | (after == BEHIND))
     of_others = jnp.max(jnp.where((shares != 0)[None], ended[:, None], 0), axis=2)
     of_sum = jnp.where(ended > 0, ended, of_others)
     of_sum = jnp.where(slips & (of_sum > 0), jnp.where(after == AHEAD, 1, 2), of_sum)
-    ended = jnp.where(leads, jnp.where(rests(before) & rests(after), 0, of_sum), ended)
+    ended = jnp.where(leads, jnp.where(rests_in(before) & rests_in(after), 0, of_sum), ended)
     return jnp.where(follows, 0, ended), before, after

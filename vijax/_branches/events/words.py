@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ..._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from ..._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
-from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
+from ..._machine.state import AHEAD, BEHIND, CLOSED, FREE, HELD, INSIDE, KEPT, SPRING, STICKING, rests_in
 from ..._orbits.sequence import LEAVE, SECOND, ends_a_mode
 from ..sequence_edits import Letter, Modes, Word
 
@@ -84,18 +84,14 @@ class Elements(NamedTuple):
 
 def _seen_along(sign: int, mode: int) -> int:
     """Mode of a follower, along a row of the same or the other sign."""
-    if _rests(mode):
+    if rests_in(mode):
         return KEPT
     return mode if sign > 0 else {AHEAD: BEHIND, BEHIND: AHEAD}.get(mode, mode)
 
 
 def _are_alike(sign: int, first: int, other: int) -> bool:
     """Whether two elements side by side do the same."""
-    return (_rests(first) and _rests(other)) or other == _seen_along(sign, first)
-
-
-def _rests(mode: int) -> bool:
-    return mode == HELD or mode >= KEPT
+    return (rests_in(first) and rests_in(other)) or other == _seen_along(sign, first)
 
 
 @lru_cache(maxsize=1024)
