@@ -172,8 +172,11 @@ def margins(sequence: Sequence, cycle: CorrectedCycle) -> Any:
     )
 
 
-def _durations(cycle: CorrectedCycle) -> Any:
-    """Durations of the flights; infinite between events that stay at one instant along the branch, as a symmetry keeps them."""
+def _durations(cycle: Any) -> Any:
+    """Durations of the flights of a corrected cycle, or of a point of a curve.
+
+    They are infinite between events that stay at one instant along the branch, as a symmetry keeps them.
+    """
     flights, rates = cycle.found.place.flights, cycle.found.tangent.flights
     xp = array_namespace(flights, rates)
     return xp.where((xp.abs(flights) < ROUNDED) & (xp.abs(rates) < HALF_DIGITS), xp.inf, flights)
