@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence as Many
 from functools import partial
 from itertools import product
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..._machine.laws import contacts_of_elements, kinds_of_elements
@@ -83,7 +85,8 @@ def _elements(event: BranchPoint) -> Requests[Elements]:
         return known
 
     def pairs(family: ParameterFamily) -> list[tuple[tuple[int, ...], ...]]:
-        found = side_by_side(numbers_of(family.system_at(event.place.p)))
+        system = jax.tree.map(jnp.asarray, family).system_at(event.place.p)  # a machine wants arrays of JAX
+        found = side_by_side(numbers_of(system))
         return [tuple(map(tuple, np.sign(own).astype(int).tolist())) for own in found]
 
     begin, end = yield from ask(HostCall(pairs, event.sequence))
