@@ -19,7 +19,7 @@ from .._sweep.recurrence import TOLERANCES
 from .._sweep.short_names import with_names
 from .._sweep.zipped import START
 from .._system.periodicity import check_period
-from .._system.system import AnySystem, machine_of, varied
+from .._system.system import AnySystem, machine_of, varied, with_args
 from .coexisting import coexisting, lasting
 from .ensemble import Machines
 from .images import first_images, folded
@@ -141,7 +141,7 @@ def machines_of_one(
     if is_traced((system, args, flow)):
         raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
     zero = np.zeros(machine_of(system).num_coordinates, as_numpy_float(0.0).dtype)
-    check_period(system, args, zero, zero)
+    check_period(with_args(system, args), zero, zero)
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     own = as_numpy_float(system.forcing.frequency).reshape(1)

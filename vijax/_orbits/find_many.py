@@ -80,8 +80,8 @@ def find_periodic_orbits(
         raise ValueError(
             "`find_periodic_orbits` needs known numbers: call it outside of `jax.jit` and `jax.vmap`."
         )
-    check_period(system, args, states[0, : system.num_coordinates], states[0, system.num_coordinates :])
     known = known_machine(system, args)
+    check_period(known.system, *np.split(states[0], 2))
     t1 = np.asarray(2 * np.pi * n / known.system.forcing.frequency, states.dtype)
     for state in states:
         validate_start(known.system, 0 * t1, t1, t1[None], *np.split(state, 2))

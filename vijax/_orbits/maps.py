@@ -73,7 +73,7 @@ def stroboscopic_map(
         Wagg & Bishop (2004), Sec. 2.2.
     """
     system = machine_of(in_full_precision(system))
-    check_period(system, args, x0, v0)
+    check_period(with_args(system, args), x0, v0)
     begin = angle_of(phase) / system.forcing.frequency
     end = begin + whole_number("num_periods", num_periods) * system.forcing.period
     allowed = (RESULTS.max_events_reached,)  # nothing is logged

@@ -106,7 +106,7 @@ def periodic_orbit(
             **vars(found), system=system, num_periods=0, period=period, phase=0 * period, args=args, flow=flow
         )
         return _told(orbit, [], throw=throw)
-    check_period(system, args, x0, v0)
+    check_period(bound, x, v)
     angle, frequency, period = angle_of(phase), bound.forcing.frequency, bound.forcing.period
     is_unknown = is_traced((bound, flow, x, v, angle))
     if not is_unknown:  # each operation on JAX's arrays would be a program

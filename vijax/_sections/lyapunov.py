@@ -97,8 +97,8 @@ def lyapunov_exponents(
     system = machine_of(in_full_precision(system))
     n = system.num_masses
     x, v = (np.zeros(n) if a is None else a for a in (x0, v0))
-    check_period(system, args, x, v)
     bound = with_args(system, args)
+    check_period(bound, x, v)
     settling, averaged = whole_number("transient", transient), whole_number("num_periods", num_periods, 1)
     is_known = not is_traced((system, args, flow, x, v, max_steps))
     x, v = ((as_numpy_float if is_known else as_float)(a) for a in (x, v))

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .._jax.arrays import as_float
+from .._jax.jaxprs import reached_outputs
 from .parametric import Parametric, ParametricForce
 
 # Forces whose shapes are remembered.
@@ -174,14 +175,27 @@ def bind_args(force: Callable | None, args: PyTree, num_masses: int) -> BoundFor
 
 
 def _shape_of(force: BoundForce, num_masses: int) -> tuple[int, ...]:
-    """Shape of what a force returns; tracing it takes longer than many a run, so it is remembered."""
-    numbers, rest = eqx.partition(force, eqx.is_array)
+    """Shape of what a force returns."""
+    return _traced(force, num_masses)[0]
+
+
+def reads_time(force: BoundForce, num_masses: int) -> bool:
+    """True if what a force returns may depend on t."""
+    return _traced(force, num_masses)[1]
+
+
+def _traced(force: BoundForce, num_masses: int) -> tuple[tuple[int, ...], bool]:
+    """Shape of what a force returns, and whether it may depend on t.
+
+    Tracing takes longer than many a run, so both are remembered.
+    """
+    numbers, rest = eqx.partition(force, lambda a: isinstance(a, jax.Array | np.ndarray))
     kinds = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), numbers)
     key = *(_hashable(tree) for tree in (kinds, rest)), num_masses, jnp.result_type(float)
     try:
-        return _traced_shape(*key)
+        return _traced_once(*key)
     except TypeError:  # the function has no hash
-        return _traced_shape.__wrapped__(*key)
+        return _traced_once.__wrapped__(*key)
 
 
 def _hashable(tree: PyTree) -> tuple[tuple, Any]:
@@ -190,10 +204,12 @@ def _hashable(tree: PyTree) -> tuple[tuple, Any]:
 
 
 @lru_cache(_KEPT)
-def _traced_shape(
+def _traced_once(
     kinds: tuple[tuple, Any], rest: tuple[tuple, Any], num_masses: int, dtype: Any
-) -> tuple[int, ...]:
+) -> tuple[tuple[int, ...], bool]:
     numbers, others = (jax.tree.unflatten(structure, leaves) for leaves, structure in (kinds, rest))
     x = jax.ShapeDtypeStruct((num_masses,), dtype)
-    run = lambda numbers, *at: eqx.combine(numbers, others)(*at)  # noqa: E731
-    return jax.eval_shape(run, numbers, jax.ShapeDtypeStruct((), dtype), x, x).shape
+    run = lambda t, numbers, *at: eqx.combine(numbers, others)(t, *at)  # noqa: E731
+    program, shape = jax.make_jaxpr(run, return_shape=True)(jax.ShapeDtypeStruct((), dtype), numbers, x, x)
+    is_time = [k == 0 for k in range(len(program.jaxpr.invars))]
+    return shape.shape, any(reached_outputs(program.jaxpr, is_time))

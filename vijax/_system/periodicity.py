@@ -1,8 +1,9 @@
 """Sampling test of the period of a force: is it that of the load?
 
-A force is a function, so it can only be sampled: at some times, and a forcing period later. One state is not enough,
-as a force of the wrong period may vanish there: x cos(w t) does at rest. So the force is sampled at several states,
-of more than one magnitude that suits the machine, since a force may also vanish where all values are small, or large.
+A force is a function. One whose program does not read the time has any period; others can only be sampled: at some times,
+and a forcing period later. One state is not enough, as a force of the wrong period may vanish there: x cos(w t) does at
+rest. So the force is sampled at several states, of more than one magnitude that suits the machine, since a force may also
+vanish where all values are small, or large.
 """
 
 from itertools import product
@@ -14,8 +15,8 @@ from jaxtyping import Array, Float
 
 from .._jax.arrays import Numbers, as_float, over_lanes
 from .._jax.concrete import concrete, concrete_evaluation
-from .force import BoundForce, force_of
-from .system import AnySystem, ImpactSystem, with_args
+from .force import BoundForce, force_of, reads_time
+from .system import AnySystem, ImpactSystem
 
 # Fractions of a period. None is simple, so that no wave of a likely frequency vanishes at all of them.
 _TIMES = (0.1234, 0.5678, 0.8341)
@@ -39,7 +40,8 @@ def refuse_off_period(
         who: the function that needs that period, for the message.
         where: the machines that need it, for the message.
     """
-    if isinstance(system.force, BoundForce) and is_off_period(system, x, v):
+    one = jax.tree.map(lambda a: a[..., 0], system.force)
+    if isinstance(one, BoundForce) and reads_time(one, system.num_masses) and is_off_period(system, x, v):
         raise ValueError(_OFF_PERIOD.format(where=where, who=who))
 
 
@@ -49,22 +51,23 @@ def refuse_without_period(system: AnySystem) -> None:
         raise ValueError(system.forcing.why_not_periodic)
 
 
-def check_period(system: AnySystem, args: object, x0: Numbers, v0: Numbers) -> None:
-    """Reject a load without a period, and a force of another period, where their numbers are concrete."""
+def check_period(system: ImpactSystem, x0: Numbers, v0: Numbers) -> None:
+    """Reject a load without a period, and a force, bound to its `args`, of another period, where their numbers are concrete."""
     refuse_without_period(system)
     frequency = concrete(system.forcing.frequency)
     if frequency is not None and not frequency > 0:
         raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
-    bound = with_args(system, args)
-    is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
-    if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:
+    if frequency is None or not isinstance(system.force, BoundForce):
+        return
+    is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(system))
+    if is_traced or not reads_time(system.force, system.num_masses):
         return
     # A differentiated start is traced and replaced by zeros: its place among the stops hardly matters.
     starts = (concrete(as_float(a)) for a in (x0, v0))
-    x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
+    x, v = (np.zeros(system.num_masses) if a is None else a for a in starts)
     one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
     with concrete_evaluation():
-        refuse_off_period(jax.tree.map(one_lane, bound), x[:, None], v[:, None], who="the stroboscopic map")
+        refuse_off_period(jax.tree.map(one_lane, system), x[:, None], v[:, None], who="the stroboscopic map")
 
 
 def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array) -> bool:
