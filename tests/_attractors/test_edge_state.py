@@ -5,7 +5,8 @@ import pytest
 
 import vijax as vx
 
-SYSTEM = vx.models.two_sided_oscillator(3.0, damping_ratio=0.025)
+# With a quarter of this damping the boundary is fractal: which saddle is found, if any, depends on rounding there.
+SYSTEM = vx.models.two_sided_oscillator(3.0, damping_ratio=0.1)
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,7 @@ def edge_state(
         ```python
         import jax, numpy as np, vijax as vx
         jax.config.update("jax_enable_x64", True)
-        system = vx.models.two_sided_oscillator(3.0, damping_ratio=0.025)
+        system = vx.models.two_sided_oscillator(3.0, damping_ratio=0.1)
         edge = vx.edge_state(vx.attractors(system, 100))
         saddle = vx.periodic_orbit(system, edge.x0.values, edge.v0.values, int(edge.num_periods))
         ```
