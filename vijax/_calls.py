@@ -30,17 +30,10 @@ import jax
 import numpy as np
 from jaxtyping import AbstractArray
 
-from ._jax.concrete import has_tracer
+from ._jax.concrete import ERRORS_OF_TRACERS, has_tracer
 
 # Longer lists are not looked through: they are, where they become an array.
 _LONGEST = 1000
-# Errors of JAX where a program needs a number that is traced.
-_OF_TRACES = (
-    jax.errors.ConcretizationTypeError,
-    jax.errors.TracerArrayConversionError,
-    jax.errors.TracerIntegerConversionError,
-    jax.errors.NonConcreteBooleanIndexError,
-)
 
 
 class _Kind(NamedTuple):
@@ -78,9 +71,9 @@ def _explanation(
     public: FunctionType, args: tuple[Any, ...], named: Mapping[str, Any], error: Exception
 ) -> str | None:
     """Sentence in place of an error, None where it says best itself what is wrong: where a name stands in its first line."""
-    if isinstance(error, (ValueError, *_OF_TRACES)) and "`" in str(error).partition("\n")[0]:
+    if isinstance(error, (ValueError, *ERRORS_OF_TRACERS)) and "`" in str(error).partition("\n")[0]:
         return None
-    if isinstance(error, _OF_TRACES):
+    if isinstance(error, ERRORS_OF_TRACERS):
         return _first_traced(public, args, named)
     return _unknown_property(public, named, error) or _first_wrong(public, args, named)
 

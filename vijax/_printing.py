@@ -102,42 +102,37 @@ def _load_rows(forcing: Any) -> list[tuple[str, ...]]:
     return [("" if k else "load", line) for k, line in enumerate(lines)]
 
 
-def describe_stop(stop: Any) -> Description:
-    """Describe a stop on one line."""
-    batch = written_batch((stop.position, 0), (stop.light_restitution, 0))
-    return Description(f"Stop of mass {stop.mass}: {_wall(stop)}{written_beside(stop.position, batch)}", [])
-
-
-def describe_contact(contact: Any) -> Description:
-    """Describe a contact on one line."""
-    batch = written_batch((contact.position, 0), (contact.light_restitution, 0))
-    return Description(f"Contact: {_wall(contact)}{written_beside(contact.position, batch)}", [])
-
-
-def describe_compliant(stop: Any) -> Description:
-    """Describe a compliant stop or contact on one line."""
-    batch = written_batch((stop.position, 0), (stop.stiffness, 0))
-    who = f"Compliant stop of mass {stop.mass}" if stop.slot else "Compliant contact"
-    return Description(f"{who}: {_wall(stop)}{written_beside(stop.position, batch)}", [])
+def describe_limit(stop: Any) -> Description:
+    """Describe a stop or contact on one line."""
+    who = f"stop of mass {stop.mass}" if stop.slot else "contact"
+    return _in_one_line(
+        f"Compliant {who}" if stop.is_compliant else who.capitalize(),
+        _wall(stop),
+        stop.position,
+        _law_of(stop),
+    )
 
 
 def describe_friction(element: Any) -> Description:
     """Describe a friction element on one line."""
-    batch = written_batch((element.slip, 0), (element.velocity, 0))
-    return Description(f"Friction: {_rubbing(element)}{written_beside(element.slip, batch)}", [])
+    return _in_one_line("Friction", _rubbing(element), element.slip, element.velocity)
 
 
 def describe_hysteresis(element: Any) -> Description:
     """Describe a Jenkins element on one line."""
-    batch = written_batch((element.stiffness, 0), (element.limit, 0))
-    return Description(f"Jenkins: {_slider(element)}{written_beside(element.stiffness, batch)}", [])
+    return _in_one_line("Jenkins", _slider(element), element.stiffness, element.limit)
+
+
+def _in_one_line(who: str, words: str, *numbers: Any) -> Description:
+    """Description of an element that has no rows; the numbers tell its batch, the first one its precision."""
+    batch = written_batch(*((a, 0) for a in numbers))
+    return Description(f"{who}: {words}{written_beside(numbers[0], batch)}", [])
 
 
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
     """Describe a machine: its matrices, load, stops and force."""
     forcing, stops = system.forcing, system.stops
-    laws = [stop.stiffness if stop.is_compliant else stop.light_restitution for stop in stops]
-    walls = [(value, 0) for stop, law in zip(stops, laws, strict=True) for value in (stop.position, law)]
+    walls = [(value, 0) for stop in stops for value in (stop.position, _law_of(stop))]
     walls += [(element.slip, 0) for element in system.friction]
     walls += [(element.limit, 0) for element in system.hysteresis]
     batch = written_batch((system.damping, 2), (forcing.frequency, 0), *walls)
@@ -155,9 +150,8 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
         rows.append((f"{name} {j}", f"{whose}{_wall(stop)}"))
     if len(stops) > _STOPS:
         rows.append(("...", counted(len(stops) - _STOPS, "more stop")))
-    rows += _rows_of("friction", system.friction, _rubbing) + _rows_of(
-        "hysteresis", system.hysteresis, _slider
-    )
+    rows += _rows_of("friction", system.friction, _rubbing)
+    rows += _rows_of("hysteresis", system.hysteresis, _slider)
     if system.force is not None:
         rows.append(("force", written_short(name_of_force(jax.tree.map(as_number, system.force)))))
     count = counted(len(stops), "stop")
@@ -280,6 +274,11 @@ def _wall(stop: Any) -> str:
     moving = "" if motion is None else f" + motion of amplitude {written_numbers(motion.amplitude, 1)}"
     law = _compliance(stop) if stop.is_compliant else f"restitution {_restitution(stop.restitution)}"
     return f"{row} {side} {written_numbers(stop.position, 0)}{moving}, {law}"
+
+
+def _law_of(stop: Any) -> Any:
+    """The first number of the law of a stop."""
+    return stop.stiffness if stop.is_compliant else stop.light_restitution
 
 
 def _compliance(stop: Any) -> str:

@@ -19,6 +19,14 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
+# Errors of JAX where a program needs a number that is traced.
+ERRORS_OF_TRACERS = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+    jax.errors.NonConcreteBooleanIndexError,
+)
+
 
 def concrete(value: Any) -> np.ndarray | None:
     """Return the value as a NumPy array, or None while it is traced."""

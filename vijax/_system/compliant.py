@@ -7,11 +7,11 @@ import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
 from .._descriptions import described_by
-from .._jax.arrays import Count, Reals, as_float
-from .._printing import describe_compliant
+from .._jax.arrays import Count, as_float
+from .._printing import describe_limit
 from .checks import NOT_NEGATIVE, Rule, check_number
-from .contact import AbstractLimit, check_row, row_of
-from .stop import check_side, mass_of_stop
+from .contact import AbstractLimit, check_row, row_by_mass, row_of
+from .stop import Stop, check_side, mass_of_stop
 
 # Numbers of the law.
 LAW_OF_COMPLIANCE = "stiffness", "damping", "preload"
@@ -101,22 +101,10 @@ class CompliantStop(AbstractCompliantLimit):
     def __check_init__(self):
         check_side(self.side)
 
-    __repr__, _repr_html_ = described_by(describe_compliant)
+    __repr__, _repr_html_ = described_by(describe_limit)
 
-    @property
-    def sign(self) -> int:
-        """Sign in the depth, `sign (x - position)`: 1 for an upper stop, -1 for a lower one."""
-        return 1 if self.side == "upper" else -1
-
-    @property
-    def coefficients(self) -> dict[int, Reals]:
-        """The one entry of the row, by mass."""
-        return {self.mass: self.sign}
-
-    @property
-    def slot(self) -> tuple[int, str]:
-        """Mass and side of the stop."""
-        return self.mass, self.side
+    # Of its mass and its side, as those of a rigid stop.
+    sign, coefficients, slot = Stop.sign, Stop.coefficients, Stop.slot
 
 
 class CompliantContact(AbstractCompliantLimit):
@@ -170,14 +158,6 @@ class CompliantContact(AbstractCompliantLimit):
     def __check_init__(self):
         check_row(self.masses, self.row)
 
-    __repr__, _repr_html_ = described_by(describe_compliant)
+    __repr__, _repr_html_ = described_by(describe_limit)
 
-    @property
-    def sign(self) -> int:
-        """Always 1, as the position counts along the row."""
-        return 1
-
-    @property
-    def coefficients(self) -> dict[int, Reals]:
-        """All entries of the row, by mass."""
-        return {mass: self.row[k] for k, mass in enumerate(self.masses)}
+    coefficients = property(row_by_mass)

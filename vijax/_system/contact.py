@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._descriptions import described_by
 from .._jax.arrays import Reals, as_float, whole_number
 from .._jax.concrete import concrete
-from .._printing import describe_contact
+from .._printing import describe_limit
 from .checks import FINITE, Rule, check_number, check_one
 from .forcing import Harmonic
 from .restitution import (
@@ -32,6 +32,11 @@ def row_of(who: str, row: Any) -> tuple[tuple[int, ...], Array]:
             f"{{0: 1.0, 1: -1.0}}, but is {row!r}."
         )
     return tuple(whole_number("row", mass) for mass in row), as_float(list(row.values()), "row")
+
+
+def row_by_mass(element: Any) -> dict[int, Reals]:
+    """All entries of the row of an element, by mass."""
+    return {mass: element.row[k] for k, mass in enumerate(element.masses)}
 
 
 def check_row(masses: tuple[int, ...], row: Array) -> None:
@@ -64,9 +69,9 @@ class AbstractLimit(eqx.Module):
         """The nonzero entries of the row, by mass."""
 
     @property
-    @abc.abstractmethod
     def sign(self) -> int:
-        """Sign of the position in the gap, `sign * position - coefficients . x`."""
+        """Sign of the position in the gap, `sign * position - coefficients . x`: 1 where it counts along the row."""
+        return 1
 
     @property
     def slot(self) -> tuple[int, str] | None:
@@ -221,17 +226,9 @@ class Contact(AbstractRigidLimit):
     def __check_init__(self):
         check_row(self.masses, self.row)
 
-    __repr__, _repr_html_ = described_by(describe_contact)
+    __repr__, _repr_html_ = described_by(describe_limit)
 
-    @property
-    def sign(self) -> int:
-        """Always 1, as the position counts along the row."""
-        return 1
-
-    @property
-    def coefficients(self) -> dict[int, Reals]:
-        """All entries of the row, by mass."""
-        return {mass: self.row[k] for k, mass in enumerate(self.masses)}
+    coefficients = property(row_by_mass)
 
     @property
     def remedy(self) -> str:

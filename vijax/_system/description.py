@@ -1,6 +1,7 @@
 """Machines as tables, lists, numbers and strings, as in JSON and TOML, and back."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -73,10 +74,9 @@ def build(
     check_names("The machine", description, (*_ARRAYS, "forcing"), _OPTIONAL)
     arrays = {name: one_array(name, description[name], dtype) for name in _ARRAYS}
     forcing = build_load(description["forcing"], dtype)
-    given = description.get("stops", [])
-    if not isinstance(given, list):
-        raise ValueError(f"`stops` must be a list of tables, but is {given!r}.")
-    stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(given)]
+    stops = [
+        _stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(_tables("stops", description))
+    ]
     friction, hysteresis = (
         [read(f"{part}[{k}]", lists, dtype) for k, lists in enumerate(_tables(part, description))]
         for part, read in (("friction", _friction), ("hysteresis", _jenkins))
@@ -159,6 +159,15 @@ def _slider(element: Jenkins) -> dict[str, Any]:
     return _described_row(element) | {name: float(a) for name, a in numbers.items() if a is not None}
 
 
+@contextmanager
+def _in_element(name: str) -> Iterator[None]:
+    """Name the element of the machine in the errors of its class."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"In `{name}`: {error}") from error
+
+
 def _stop(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> AnyStop:
     own = ("row",) if isinstance(lists, dict) and "row" in lists else ("mass", "side")
     if isinstance(lists, dict) and "stiffness" in lists:
@@ -167,12 +176,10 @@ def _stop(name: str, lists: Any, forcing: AbstractLoad, dtype: DTypeLike) -> Any
     position = one_array(f"{name}.position", lists["position"], dtype)
     restitution = _restitution(f"{name}.restitution", lists["restitution"], dtype)
     motion = _motion(f"{name}.motion", lists.get("motion"), forcing, dtype)
-    try:
+    with _in_element(name):
         if "row" not in lists:
             return Stop(lists["mass"], position, lists["side"], restitution, motion)
         return Contact(_row(f"{name}.row", lists["row"], dtype), position, restitution, motion)
-    except ValueError as error:
-        raise ValueError(f"In `{name}`: {error}") from error
 
 
 def _compliant_stop(
@@ -182,12 +189,10 @@ def _compliant_stop(
     numbers = {
         a: one_array(f"{name}.{a}", lists[a], dtype) for a in ("position", *LAW_OF_COMPLIANCE) if a in lists
     }
-    try:
+    with _in_element(name):
         if "row" not in lists:
             return CompliantStop(lists["mass"], side=lists["side"], **numbers)
         return CompliantContact(_row(f"{name}.row", lists["row"], dtype), **numbers)
-    except ValueError as error:
-        raise ValueError(f"In `{name}`: {error}") from error
 
 
 def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
@@ -195,11 +200,9 @@ def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
     names = _OF_TIED_FRICTION if is_tied else _OF_FRICTION
     check_names(f"`{name}`", lists, ("row", names[0]), (*names[1:], *(("contact",) if is_tied else ())))
     numbers = {a: one_array(f"{name}.{a}", lists[a], dtype) for a in names if a in lists}
-    try:
+    with _in_element(name):
         row = _row(f"{name}.row", lists["row"], dtype)
         return Friction(row, **numbers, contact=lists.get("contact", 0) if is_tied else None)
-    except ValueError as error:
-        raise ValueError(f"In `{name}`: {error}") from error
 
 
 def _jenkins(name: str, lists: Any, dtype: DTypeLike) -> Jenkins:
@@ -207,10 +210,8 @@ def _jenkins(name: str, lists: Any, dtype: DTypeLike) -> Jenkins:
     numbers = {
         a: one_array(f"{name}.{a}", lists[a], dtype) for a in ("stiffness", "limit", "slider") if a in lists
     }
-    try:
+    with _in_element(name):
         return Jenkins(_row(f"{name}.row", lists["row"], dtype), **numbers)
-    except ValueError as error:
-        raise ValueError(f"In `{name}`: {error}") from error
 
 
 def _restitution(name: str, given: Any, dtype: DTypeLike) -> np.ndarray | AbstractRestitution:

@@ -16,7 +16,7 @@ from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array
 
 from .._dataset_attributes import version
-from .._jax.concrete import concrete_evaluation, is_tracer
+from .._jax.concrete import ERRORS_OF_TRACERS, concrete_evaluation, is_tracer
 from .._jax.jaxprs import key_of_jaxpr, reached_outputs
 from .._jax.xla import compile_lightly
 from .force import force_of
@@ -29,12 +29,6 @@ _TOGETHER = 256
 _TRACED = (
     "The function of a family is traced: use `jnp.where` in place of `if`, and `jax.numpy` in place of NumPy, on its values. Bind "
     "what is no number by `functools.partial`."
-)
-_OF_JAX = (
-    jax.errors.ConcretizationTypeError,
-    jax.errors.TracerArrayConversionError,
-    jax.errors.TracerIntegerConversionError,
-    jax.errors.NonConcreteBooleanIndexError,
 )
 
 
@@ -174,7 +168,7 @@ class FamilyProgram:
         shapes = [jax.ShapeDtypeStruct(*kind) for kind in self.kinds]
         try:
             program, found = jax.make_jaxpr(leaves_of, return_shape=True)(*shapes)
-        except _OF_JAX as error:
+        except ERRORS_OF_TRACERS as error:
             error.args = (f"{_TRACED}\n{error}",)
             raise
         except ValueError as error:

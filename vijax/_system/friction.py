@@ -11,7 +11,7 @@ from .._jax.arrays import Count, Reals, as_float, whole_number
 from .._jax.concrete import concrete
 from .._printing import describe_friction
 from .checks import FINITE, NOT_NEGATIVE, Rule, check_number
-from .contact import check_row, row_of
+from .contact import check_row, row_by_mass, row_of
 
 
 class Friction(eqx.Module):
@@ -137,10 +137,7 @@ class Friction(eqx.Module):
 
     __repr__, _repr_html_ = described_by(describe_friction)
 
-    @property
-    def coefficients(self) -> dict[int, Reals]:
-        """All entries of the row, by mass."""
-        return {mass: self.row[k] for k, mass in enumerate(self.masses)}
+    coefficients = property(row_by_mass)
 
     @property
     def is_tied(self) -> bool:

@@ -23,7 +23,7 @@ from .._descriptions import described_by
 from .._jax.arrays import Count, Reals, array_namespace, as_float, stack, whole_number
 from .._printing import describe_hysteresis
 from .checks import FINITE, NOT_NEGATIVE, POSITIVE, Rule, check_number
-from .contact import check_row, row_of
+from .contact import check_row, row_by_mass, row_of
 
 
 class Jenkins(eqx.Module):
@@ -100,10 +100,7 @@ class Jenkins(eqx.Module):
 
     __repr__, _repr_html_ = described_by(describe_hysteresis)
 
-    @property
-    def coefficients(self) -> dict[int, Reals]:
-        """All entries of the row, by mass."""
-        return {mass: self.row[k] for k, mass in enumerate(self.masses)}
+    coefficients = property(row_by_mass)
 
     @property
     def reach(self) -> Reals:

@@ -109,7 +109,7 @@ class LoadSum(AbstractLoad):
     common: Float[Array, "..."] | None
 
     def __init__(self, loads: Sequence[AbstractLoad]):
-        parts = [part for load in loads for part in _with_own_frequencies(load)]
+        parts = [part for load in loads for part in with_own_frequencies(load)]
         columns = [part.num_columns() for part in parts]
         if len(set(columns)) > 1:
             raise ValueError(
@@ -162,10 +162,6 @@ class LoadSum(AbstractLoad):
         """The loads, zero on some more coordinates."""
         return eqx.tree_at(lambda s: s.parts, self, tuple(part.with_more(count) for part in self.parts))
 
-    def with_own_frequencies(self) -> tuple[AbstractLoad, ...]:
-        """The loads, each with its frequency."""
-        return _with_own_frequencies(self)
-
     def __getitem__(self, index: int) -> AbstractLoad:
         return self.parts[index]
 
@@ -181,7 +177,7 @@ _DIFFERENT = (
 )
 
 
-def _with_own_frequencies(load: Any) -> tuple[AbstractLoad, ...]:
+def with_own_frequencies(load: Any) -> tuple[AbstractLoad, ...]:
     """Parts of a load, each with its own frequency."""
     if not isinstance(load, LoadSum):
         return (load,)

@@ -5,7 +5,7 @@ from typing import Any
 from jax.typing import DTypeLike
 
 from .forcing import Harmonic
-from .load import AbstractLoad, LoadSum
+from .load import AbstractLoad, LoadSum, with_own_frequencies
 from .tables import arrays_of, check_names, lists_of
 from .tabulated import Tabulated, Waveform
 
@@ -18,7 +18,7 @@ _WORDS = ("kind", "from_base")
 def describe_load(load: AbstractLoad) -> dict[str, Any] | list[dict[str, Any]]:
     """Table of a load; a list of tables of a sum, each with its frequency."""
     if isinstance(load, LoadSum):
-        return [_table(part) for part in load.with_own_frequencies()]
+        return [_table(part) for part in with_own_frequencies(load)]
     return _table(load)
 
 

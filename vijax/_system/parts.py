@@ -27,19 +27,15 @@ def check_parts(forcing: Any, stops: Any, friction: Any, hysteresis: Any) -> Non
             "Argument `forcing` must be a load, a `vx.Harmonic`, `vx.Tabulated` or `vx.Waveform`, or a sum of such by `+`, or None "
             f"if nothing drives the machine, but is {forcing!r}."
         )
-    if not isinstance(stops, list | tuple) or not all(isinstance(stop, AnyStop) for stop in stops):
-        raise ValueError(
-            "Argument `stops` must be a list of `vx.Stop`, `vx.Contact`, `vx.CompliantStop` and `vx.CompliantContact`, also "
-            f"where there is one, but is {stops!r}."
-        )
-    if not isinstance(friction, list | tuple) or not all(isinstance(one, Friction) for one in friction):
-        raise ValueError(
-            f"Argument `friction` must be a list of `vx.Friction`, also where there is one, but is {friction!r}."
-        )
-    if not isinstance(hysteresis, list | tuple) or not all(isinstance(one, Jenkins) for one in hysteresis):
-        raise ValueError(
-            f"Argument `hysteresis` must be a list of `vx.Jenkins`, also where there is one, but is {hysteresis!r}."
-        )
+    for name, given, kind, words in (
+        ("stops", stops, AnyStop, "`vx.Stop`, `vx.Contact`, `vx.CompliantStop` and `vx.CompliantContact`"),
+        ("friction", friction, Friction, "`vx.Friction`"),
+        ("hysteresis", hysteresis, Jenkins, "`vx.Jenkins`"),
+    ):
+        if not isinstance(given, list | tuple) or not all(isinstance(one, kind) for one in given):
+            raise ValueError(
+                f"Argument `{name}` must be a list of {words}, also where there is one, but is {given!r}."
+            )
 
 
 def forces_of(forcing: AbstractLoad) -> Iterator[tuple[str, Array]]:

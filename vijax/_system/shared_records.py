@@ -97,11 +97,7 @@ def with_shared_records(system: Any, tables: Any, number: np.ndarray) -> Any:
 
 def places_of_records(system: Any) -> set[int]:
     """Places of the numbers of records among the leaves of a machine."""
-    flags = jax.tree.map(lambda _: False, system)
-    loads = tuple(_flagged(load, isinstance(load, Tabulated)) for load in system.forcing.loads)
-    where = (lambda s: s.forcing.parts) if isinstance(system.forcing, LoadSum) else lambda s: (s.forcing,)
-    return {k for k, flag in enumerate(jax.tree.leaves(eqx.tree_at(where, flags, loads))) if flag}
-
-
-def _flagged(load: AbstractLoad, flag: bool) -> AbstractLoad:
-    return jax.tree.map(lambda _: flag, load)
+    is_record = lambda part: isinstance(part, Tabulated)  # noqa: E731
+    flagged = lambda part: jax.tree.map(lambda _: is_record(part), part)  # noqa: E731
+    flags = jax.tree.map(flagged, system, is_leaf=is_record)
+    return {k for k, flag in enumerate(jax.tree.leaves(flags)) if flag}

@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._descriptions import described_by
 from .._jax.arrays import Count, Reals, as_float, whole_number
-from .._printing import describe_stop
+from .._printing import describe_limit
 from .contact import AbstractRigidLimit
 from .forcing import Harmonic
 from .restitution import AbstractRestitution, Restitution, as_restitution
@@ -91,7 +91,7 @@ class Stop(AbstractRigidLimit):
     def __check_init__(self):
         check_side(self.side)
 
-    __repr__, _repr_html_ = described_by(describe_stop)
+    __repr__, _repr_html_ = described_by(describe_limit)
 
     @property
     def sign(self) -> int:

@@ -18,7 +18,25 @@ from .splines import KINDS, derivatives_at_knots
 _IN_PERIOD = Rule(lambda a: (a >= 0) & (a < 2 * np.pi), every="Every swept `{name}` must lie in [0, 2 pi).")
 
 
-class Tabulated(AbstractLoad):
+class AbstractTable(AbstractLoad):
+    """A load by a table of values at knots, in time or in its phase."""
+
+    values: eqx.AbstractVar[Float[Array, "knots n ..."]]
+
+    def num_columns(self, lane_axes: int = 0) -> int:
+        """Number of masses; lanes may be last."""
+        return self.values.shape[self.values.ndim - lane_axes - 1]
+
+    def size(self) -> Reals:
+        """Largest value of every mass, (n,); lanes may be last."""
+        return abs(self.values).max(axis=0)
+
+    def with_more(self, count: int) -> "AbstractTable":
+        """The load, zero on some more coordinates."""
+        return eqx.tree_at(lambda load: load.values, self, with_more_columns(self.values, count))
+
+
+class Tabulated(AbstractTable):
     """A load by a table of values in time: a record of an earthquake, a pulse, a step.
 
     It is zero before the first time and from the last time on, so a first or last value that is not zero is a jump. At a
@@ -79,18 +97,6 @@ class Tabulated(AbstractLoad):
         """Reject times that do not rise, of many machines at once; lanes last."""
         check_every("times", self.times, RISING)
 
-    def num_columns(self, lane_axes: int = 0) -> int:
-        """Number of masses; lanes may be last."""
-        return self.values.shape[self.values.ndim - lane_axes - 1]
-
-    def size(self) -> Reals:
-        """Largest value of every mass, (n,); lanes may be last."""
-        return abs(self.values).max(axis=0)
-
-    def with_more(self, count: int) -> "Tabulated":
-        """The load, zero on some more coordinates."""
-        return eqx.tree_at(lambda load: load.values, self, with_more_columns(self.values, count))
-
     def derivatives(self) -> Reals:
         """Derivatives of the load by time where each interval begins, (knots - 1, orders, n); lanes may be last."""
         return derivatives_at_knots(self.times, self.values, self.kind)
@@ -98,7 +104,7 @@ class Tabulated(AbstractLoad):
     __repr__, _repr_html_ = described_by(describe_tabulated)
 
 
-class Waveform(AbstractLoad):
+class Waveform(AbstractTable):
     """A periodic load by a table of values over one period: a square wave, a triangle, a measured cycle.
 
     The force on the masses at the time t is that of the table at the phase W t modulo 2 pi. Below the first phase the
@@ -168,18 +174,6 @@ class Waveform(AbstractLoad):
         check_every("phases", self.phases, _IN_PERIOD)
         if self.frequency is not None:
             check_every("frequency", self.frequency, POSITIVE)
-
-    def num_columns(self, lane_axes: int = 0) -> int:
-        """Number of masses; lanes may be last."""
-        return self.values.shape[self.values.ndim - lane_axes - 1]
-
-    def size(self) -> Reals:
-        """Largest value of every mass, (n,); lanes may be last."""
-        return abs(self.values).max(axis=0)
-
-    def with_more(self, count: int) -> "Waveform":
-        """The load, zero on some more coordinates."""
-        return eqx.tree_at(lambda load: load.values, self, with_more_columns(self.values, count))
 
     def derivatives(self) -> Reals:
         """Derivatives of the load by its phase where each interval begins, (knots, orders, n); lanes may be last."""
