@@ -149,11 +149,11 @@ def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
     fraction = np.array([_uncertain(label, step, farthest) for step in steps.tolist()])
     if not (fraction > 0).all():
         raise ValueError("No boundary of basins passes through the grid: its starts lead to one attractor.")
-    exponent, error = _slope(np.log(steps), np.log(fraction))
+    (exponent, _), covariance = np.polyfit(np.log(steps), np.log(fraction), 1, cov=True)
     return xr.Dataset(
         {
             "exponent": ((), exponent, {"long_name": "uncertainty exponent"}),
-            "exponent_error": ((), error),
+            "exponent_error": ((), np.sqrt(covariance[0, 0])),
             "dimension": ((), label.ndim - exponent, {"long_name": "dimension of the boundary"}),
             "fraction": (("distance",), fraction, {"long_name": "fraction of uncertain starts"}),
         },
@@ -170,11 +170,3 @@ def _uncertain(label: np.ndarray, step: int, farthest: int) -> float:
             there = np.roll(label, shift, axis=axis)[inner]
             is_known, is_other = is_known & (there >= 0), is_other | (there != here)
     return float(is_other[is_known].mean()) if is_known.any() else 0.0
-
-
-def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope of a straight line by least squares, and its standard error."""
-    x = x - x.mean()
-    slope = (x @ y) / (x @ x)
-    left = y - y.mean() - slope * x
-    return float(slope), float(np.sqrt(left @ left / (len(x) - 2) / (x @ x)))

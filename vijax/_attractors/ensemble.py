@@ -193,13 +193,13 @@ class Machines:
         which = np.array([machine])
         system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self.lanes(which))
         x, v = np.split(state / self.scale(which)[0], 2)
-        candidates = {
+        options = {
             "transient": _SETTLING,
             "num_periods": _AVERAGED,
             "max_steps": self.max_steps,
             "flow": self.flow,
         }
-        found = lyapunov_exponents(system, x, v, **candidates, with_error=True, throw=False, progress=False)
+        found = lyapunov_exponents(system, x, v, **options, with_error=True, throw=False, progress=False)
         return np.asarray(found[0]), np.asarray(found[1])
 
 

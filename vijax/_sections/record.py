@@ -1,6 +1,7 @@
 """The impacts of a trajectory or a sweep in one form: a flat list, without padding."""
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -14,7 +15,7 @@ from .._machine.kinds import COMPLIANT
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
 from .._system.force_description import NAMED_FORCE
-from .._system.system import is_linear as is_linear_system
+from .._system.system import ImpactSystem, is_linear as is_linear_system
 from .._trajectory.solution import Solution
 from .section_side import machines_of_lanes
 
@@ -120,34 +121,34 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
     return machines_of_lanes(system), 0.0
 
 
-def has_full_mass(source: Solution | xr.Dataset) -> bool:
-    """True if an impact of one mass may change the velocities of others, as far as the machine is stored."""
+def _is_so(
+    source: Solution | xr.Dataset,
+    of_machine: Callable[[Machine], bool],
+    of_system: Callable[[ImpactSystem], bool],
+) -> bool:
+    """Answer of one of two functions about the machine; False where it is not stored."""
     if isinstance(source, Solution):
-        return source.machine.inverse_mass.ndim > 1
+        return of_machine(source.machine)
     try:
-        return machines_of(source, force=NAMED_FORCE).has_full_mass
+        return of_system(machines_of(source, force=NAMED_FORCE))
     except ValueError:  # as in `machines`
         return False
+
+
+def has_full_mass(source: Solution | xr.Dataset) -> bool:
+    """True if an impact of one mass may change the velocities of others, as far as the machine is stored."""
+    return _is_so(source, lambda machine: machine.inverse_mass.ndim > 1, lambda system: system.has_full_mass)
 
 
 def has_tied_friction(source: Solution | xr.Dataset) -> bool:
     """True if impacts have friction, as far as the machine is stored."""
-    if isinstance(source, Solution):
-        return source.machine.has_tied_friction
-    try:
-        return any(element.is_tied for element in machines_of(source, force=NAMED_FORCE).friction)
-    except ValueError:  # as in `machines`
-        return False
+    of_system = lambda system: any(element.is_tied for element in system.friction)  # noqa: E731
+    return _is_so(source, lambda machine: machine.has_tied_friction, of_system)
 
 
 def is_linear(source: Solution | xr.Dataset) -> bool:
     """True if the machine is stored and linear between impacts: without a force, friction and compliant stops."""
-    if isinstance(source, Solution):
-        return source.machine.is_linear
-    try:
-        return is_linear_system(machines_of(source, force=NAMED_FORCE))
-    except ValueError:  # as in `machines`
-        return False
+    return _is_so(source, lambda machine: machine.is_linear, is_linear_system)
 
 
 def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
