@@ -17,6 +17,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._orbits.periodic_orbit import periodic_orbit
 from .._sections.lyapunov import lyapunov_exponents
 from .._sweep.sweep import sweep
+from .._system.contact import whole_row
 from .._system.family import Family
 from .._system.parameters import get_parameter, is_parameter, set_parameter
 from .._system.system import AnySystem, ImpactSystem, machine_of
@@ -183,8 +184,5 @@ def _smallest_gap(machine: ImpactSystem, x: np.ndarray) -> tuple[float, np.ndarr
         ((float(stop.gap(x, 0.0)), k) for k, stop in enumerate(machine.stops) if not stop.is_compliant),
         default=(0.0, -1),
     )
-    row = np.zeros(len(x))
-    if found[1] >= 0:
-        for mass, a in machine.stops[found[1]].coefficients.items():
-            row[mass] = a
-    return found[0], row
+    coefficients = machine.stops[found[1]].coefficients if found[1] >= 0 else {}
+    return found[0], whole_row(coefficients, len(x))

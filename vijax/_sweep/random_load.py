@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.fft
+from scipy.interpolate import PPoly
 
 from .._jax.arrays import Numbers, as_numpy_float, real_number
 from .._system.tabulated import Tabulated
@@ -163,13 +164,8 @@ def _integrals(spectrum: Callable, edges: np.ndarray) -> np.ndarray:
 
 def _cumulative(frequencies: np.ndarray, densities: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Integrals of a pair from its first frequency to others, (others,)."""
-    step = np.diff(frequencies)
-    slope = np.diff(densities) / step
-    whole = np.concatenate([[0.0], np.cumsum(step * (densities[1:] + densities[:-1]) / 2)])
-    w = np.clip(w, frequencies[0], frequencies[-1])
-    k = np.clip(np.searchsorted(frequencies, w, side="right") - 1, 0, len(step) - 1)
-    since = w - frequencies[k]
-    return whole[k] + since * (densities[k] + slope[k] * since / 2)
+    lines = PPoly(np.array([np.diff(densities) / np.diff(frequencies), densities[:-1]]), frequencies)
+    return lines.antiderivative()(np.clip(w, frequencies[0], frequencies[-1]))
 
 
 def _highest(spectrum: Callable, lowest: float) -> float:

@@ -39,6 +39,14 @@ def row_by_mass(element: Any) -> dict[int, Reals]:
     return {mass: element.row[k] for k, mass in enumerate(element.masses)}
 
 
+def whole_row(coefficients: Mapping[int, Any], num_masses: int) -> np.ndarray:
+    """Known coefficients as a row of numbers, one for every mass."""
+    row = np.zeros(num_masses)
+    for mass, coefficient in coefficients.items():
+        row[mass] = float(coefficient)
+    return row
+
+
 def check_row(masses: tuple[int, ...], row: Array) -> None:
     """Reject a row whose coefficients are not one finite number for each mass, or are all zero."""
     if row.shape != (len(masses),):

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
+from .contact import whole_row
 from .force import BoundForce, bind_args, force_of
 from .load_values import harmonics_of, load_at
 from .symmetry import Symmetry, order_of
@@ -138,7 +139,7 @@ class _Machine(NamedTuple):
 
 
 def _limit_of(stop: Any, n: int) -> _Limit:
-    row = _row_of(stop.coefficients, n)
+    row = whole_row(stop.coefficients, n)
 
     def place(at: np.ndarray) -> np.ndarray:
         moved = 0 * at if stop.motion is None else load_at(stop.motion, at, 1.0)[:, 0]
@@ -150,20 +151,13 @@ def _limit_of(stop: Any, n: int) -> _Limit:
 
 
 def _friction_of(one: Any, n: int) -> _Limit:
-    row, velocity = _row_of(one.coefficients, n), float(one.velocity)
+    row, velocity = whole_row(one.coefficients, n), float(one.velocity)
     return _Limit("friction", row, lambda at: velocity + 0 * at, (one.slip, one.grip), one.contact)
 
 
 def _slider_of(one: Any, n: int) -> _Limit:
     # Where it starts is no part of the machine, and its force depends on the motion of its row alone.
-    return _Limit("hysteresis", _row_of(one.coefficients, n), lambda at: 0 * at, (one.stiffness, one.limit))
-
-
-def _row_of(coefficients: dict[int, Any], n: int) -> np.ndarray:
-    row = np.zeros(n)
-    for mass, value in coefficients.items():
-        row[mass] = float(value)
-    return row
+    return _Limit("hysteresis", whole_row(one.coefficients, n), lambda at: 0 * at, (one.stiffness, one.limit))
 
 
 def _force_at(force: BoundForce, frequency: float) -> Callable:

@@ -33,6 +33,17 @@ def check_count(max_attractors: int) -> None:
         )
 
 
+def path_along(followed: xr.Dataset, picture: str) -> str:
+    """Path of the parameter along which the attractors were followed."""
+    dims = [str(dim) for dim in followed["share"].dims if dim != "attractor"] if "share" in followed else []
+    if len(dims) != 1 or followed.sizes[dims[0]] < 2:
+        raise ValueError(
+            f"{picture} needs what `vx.follow_attractors` returned for two values of a parameter or more, but has "
+            f"`share` along {dims}."
+        )
+    return dims[0]
+
+
 def draw_marks(ax: Axes, x: np.ndarray, y: np.ndarray, number: int, size: float) -> None:
     """Draw the marker of an attractor at given points."""
     ax.plot(

@@ -147,7 +147,7 @@ def branch(
     several, names = named_branches(branches)
     ds = None if ds is None else with_paths(ds)
     path = _common(several, ds)
-    quantity = checked_ordinate(several, ordinate, "velocity")
+    quantity = checked_ordinate(several, ordinate)
     numbers = _numbers(quantity, stop, mass, several[0].points.sizes)
     masses = masses_of_stops(system_of_points(several[0].points))
     curves = {j: [lines_at(one, j, ordinate, quantity) for one in several] for j in numbers}

@@ -73,7 +73,7 @@ def lines_at(branch: Branch, number: int, ordinate: str, quantity: Ordinate | No
 
 def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tuple[np.ndarray, np.ndarray]]:
     """Parameters and ordinates of the stable (True) and the unstable segments of a branch, separated by NaN."""
-    curves = lines_at(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))
+    curves = lines_at(branch, number, ordinate, checked_ordinate([branch], ordinate))
     return {is_stable: joined(curves, is_stable) for is_stable in STABILITY}
 
 
@@ -145,9 +145,7 @@ def places_of_marks(curves: list[BranchLines]) -> dict[str, list[tuple[float, fl
 
 def marks_of_branch(branch: Branch, number: int, ordinate: str) -> dict[str, list[tuple[float, float]]]:
     """Parameters and ordinates of the bifurcations of a branch, by kind."""
-    return places_of_marks(
-        [lines_at(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))]
-    )
+    return places_of_marks([lines_at(branch, number, ordinate, checked_ordinate([branch], ordinate))])
 
 
 def system_of_points(points: xr.Dataset) -> ImpactSystem:

@@ -54,13 +54,13 @@ def _motion(points: xr.Dataset) -> tuple[int, int]:
     return int(np.bincount(counts).argmax()), int(points.attrs["num_periods"])
 
 
-def checked_ordinate(branches: list[Branch], name: str, impacts: str) -> Ordinate | None:
-    """The quantity of a name, None for the `impacts`; refused if a branch has no such column."""
-    if name == impacts:
+def checked_ordinate(branches: list[Branch], name: str) -> Ordinate | None:
+    """The quantity of a name, None for the velocity of the impacts; refused if a branch has no such column."""
+    if name == "velocity":
         return None
     found = ordinate_of(name, branches[0].points)
     if found is None:
-        names = ", ".join(f'"{one}"' for one in (impacts, *ordinates()))
+        names = ", ".join(f'"{one}"' for one in ("velocity", *ordinates()))
         raise ValueError(
             f'Argument `ordinate` must be one of {names}, or a column of the branches, but is "{name}".'
         )

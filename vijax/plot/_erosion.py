@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from .._dataset_checks import check_is_dataset
-from ._attractors import COLORS, check_count
+from ._attractors import COLORS, check_count, path_along
 from ._axes import create_axes
 from ._colors import ink, merge_style
 from ._labels import Units, axis_label
@@ -69,7 +69,8 @@ def erosion(
         J. M. T. Thompson, Proc. R. Soc. Lond. A 421 (1989) 195; S. Lenci & G. Rega, Nonlinear Dyn. 33 (2003) 71.
     """
     check_is_dataset(followed, "followed", "`vx.follow_attractors`")
-    path = _path(followed, measures)
+    _check_measures(followed, measures)
+    path = path_along(followed, "A profile of erosion")
     check_count(max_attractors)
     followed = followed.sortby(path)
     largest = followed["share"].transpose("attractor", path).values.max(axis=1)
@@ -95,17 +96,10 @@ def erosion(
     return ax
 
 
-def _path(followed: xr.Dataset, measures: Sequence[str]) -> str:
-    """Path of the parameter along which the measures are given."""
+def _check_measures(followed: xr.Dataset, measures: Sequence[str]) -> None:
     for name in measures:
         if name not in _MEASURES or name not in followed:
             raise ValueError(
                 f"A profile of erosion needs `{name}`, which is not there: choose among {', '.join(_MEASURES)}, and call "
                 "`vx.follow_attractors` with `integrity=True`."
             )
-    dims = [str(dim) for dim in followed["share"].dims if dim != "attractor"]
-    if len(dims) != 1 or followed.sizes[dims[0]] < 2:
-        raise ValueError(
-            f"A profile of erosion needs two values of a parameter or more, but has `share` along {dims}."
-        )
-    return dims[0]

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from .._dataset_checks import check_is_dataset
-from ._attractors import COLORS, HATCH, add_legend_of_attractors, check_count, draw_marks
+from ._attractors import COLORS, HATCH, add_legend_of_attractors, check_count, draw_marks, path_along
 from ._axes import create_axes
 from ._colors import ink, merge_style
 from ._labels import Units, axis_label
@@ -64,7 +64,7 @@ def shares(
         Chaos 33 (2023) 073151.
     """
     check_is_dataset(followed, "followed", "`vx.follow_attractors`")
-    path = _path(followed)
+    path = path_along(followed, "A picture of shares")
     check_count(max_attractors)
     followed = followed.sortby(path)
     share, values = followed["share"].transpose("attractor", path).values, followed[path].values
@@ -99,17 +99,6 @@ def shares(
         has_unknown=has_unknown,
     )
     return ax
-
-
-def _path(followed: xr.Dataset) -> str:
-    """Path of the parameter along which the attractors were followed."""
-    dims = [str(dim) for dim in followed["share"].dims if dim != "attractor"] if "share" in followed else []
-    if len(dims) != 1 or followed.sizes[dims[0]] < 2:
-        raise ValueError(
-            "A picture of shares needs what `vx.follow_attractors` returned for two values of a parameter or more, but has "
-            f"`share` along {dims}."
-        )
-    return dims[0]
 
 
 def _edges(values: np.ndarray) -> np.ndarray:

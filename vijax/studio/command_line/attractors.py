@@ -10,9 +10,9 @@ import xarray as xr
 from ..._attractors.attractors import attractors
 from ..._attractors.basins import basins
 from ..._execution.settings import ExecutionSettings
-from .datasets import check_target, write_dataset
-from .machines import add_start, command_with_machine, machine_of, start_of
-from .pictures import check_picture, draw_to
+from .datasets import write_dataset
+from .machines import add_start, check_files, command_with_machine, machine_of, start_of
+from .pictures import draw_to
 from .values import RANGES, assignment, bounds_of, swept_values
 
 _ATTRACTORS = """
@@ -70,7 +70,7 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 def run_attractors(args: argparse.Namespace) -> None:
     """Find attractors, print and write them."""
-    _check_files(args)
+    check_files(args)
     box = None if args.bounds is None else [bounds_of("--bounds", one) for one in args.bounds.split(",")]
     system, _ = machine_of(args, args.changes)
     found = attractors(system, args.starts, bounds=box, rng=args.rng, **_options(args))
@@ -81,7 +81,7 @@ def run_attractors(args: argparse.Namespace) -> None:
 
 def run_basins(args: argparse.Namespace) -> None:
     """Find basins, print the shares of the attractors, and write them."""
-    _check_files(args)
+    check_files(args)
     if len(args.over) < 2:
         raise ValueError(
             "Say twice or more with --over over which starts: --over x0[0]=-0.3:0.3:100 --over v0[0]=-1:1:100."
@@ -93,13 +93,6 @@ def run_basins(args: argparse.Namespace) -> None:
     _write(args, found, " x ".join(str(len(values)) for values in grid.values()) + " starts")
     if args.picture:
         draw_to(args.picture, lambda: _draw_basins(found), style=args.style)
-
-
-def _check_files(args: argparse.Namespace) -> None:
-    if args.out:
-        check_target(args.out)
-    if args.picture:
-        check_picture(args.picture)
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:

@@ -7,10 +7,10 @@ from typing import Any
 from ..._branches.branch import Branch
 from ..._branches.continuation import continuation
 from ..._progress import Interrupted
-from .datasets import check_target, write_dataset
-from .machines import command_with_machine, machine_of
+from .datasets import write_dataset
+from .machines import check_files, command_with_machine, machine_of
 from .orbit import add_search, settled_orbit
-from .pictures import check_picture, draw_to
+from .pictures import draw_to
 from .values import assignment, bounds_of
 
 _ABOUT = """
@@ -50,9 +50,7 @@ def run(args: argparse.Namespace) -> None:
     """Follow the branch, print and write it."""
     path, given = assignment(args.along)
     bounds = bounds_of(path, given)
-    check_target(args.out)
-    if args.picture:
-        check_picture(args.picture)
+    check_files(args)
     system, _ = machine_of(args, args.changes, {path: sum(bounds) / 2})
     orbit = settled_orbit(args, system)
     try:

@@ -12,9 +12,10 @@ from ..._jax.compilation_cache import keep_compiled
 from ..._system.files import machine_of_table, read_table
 from ..._system.parameters import set_parameter
 from ..._system.system import AnySystem, bound
-from .datasets import is_machine
+from .datasets import check_target, is_machine
 from .families import family_of_file, is_function
 from .forces import add_allow_forces, allowed
+from .pictures import check_picture
 from .values import assignment, numbers, one_or_several
 
 MACHINE = (
@@ -23,36 +24,49 @@ MACHINE = (
 )
 
 
-def command_with_machine(commands: Any, name: str, words: str, about: str, examples: str) -> Any:
-    """Parser of a command on one machine, with the options of the machine."""
-    parser = commands.add_parser(
-        name,
-        help=words,
-        description=about,
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def command_with_examples(
+    commands: Any, name: str, words: str, about: str, examples: str, **options: Any
+) -> argparse.ArgumentParser:
+    """Parser of a command whose help ends with examples."""
+    how = {"formatter_class": argparse.RawDescriptionHelpFormatter, **options}
+    return commands.add_parser(name, help=words, description=about, epilog=examples, **how)
+
+
+def command_with_machine(
+    commands: Any, name: str, words: str, about: str, examples: str
+) -> argparse.ArgumentParser:
+    """Parser of a command on one machine, with the options of the machine and of a picture."""
+    parser = command_with_examples(commands, name, words, about, examples)
+    add_machine(parser)
     add = parser.add_argument
-    add("machine", type=Path, help=MACHINE)
-    add(
-        "--set",
-        metavar="PATH=VALUE",
-        action="append",
-        dest="changes",
-        default=[],
-        help="change the machine first",
-    )
     add("--picture", type=Path, metavar="PICTURE", help="draw the result too: .png, .svg or .pdf")
     add("--style", default="default", metavar="NAME", help="a style of matplotlib for it, as dark_background")
-    add(
-        "--keep-compiled",
-        action="store_true",
-        help="keep compiled programs for later commands (~/.cache/vijax)",
-    )
+    add_run_options(parser)
+    return parser
+
+
+def add_machine(parser: argparse.ArgumentParser) -> None:
+    """Add the machine and its changes."""
+    add, words = parser.add_argument, "change the machine first"
+    add("machine", type=Path, help=MACHINE)
+    add("--set", metavar="PATH=VALUE", action="append", dest="changes", default=[], help=words)
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a command computes."""
+    add, words = parser.add_argument, "keep compiled programs for later commands (~/.cache/vijax)"
+    add("--keep-compiled", action="store_true", help=words)
     add("--progress", action=argparse.BooleanOptionalAction, default=sys.stderr.isatty(),
         help="show a bar (if a terminal looks on)")  # fmt: skip
     add_allow_forces(parser)
-    return parser
+
+
+def check_files(args: argparse.Namespace) -> None:
+    """Raise if the result or its picture cannot be written, before anything is computed."""
+    if args.out:
+        check_target(args.out)
+    if args.picture:
+        check_picture(args.picture)
 
 
 def add_start(parser: argparse.ArgumentParser) -> None:

@@ -10,9 +10,9 @@ from ..._orbits.orbit import PeriodicOrbit
 from ..._orbits.periodic_orbit import periodic_orbit
 from ..._system.system import AnySystem
 from ..._trajectory.simulate import simulate_all
-from .datasets import check_target, write_dataset
-from .machines import add_start, command_with_machine, machine_of, start_of
-from .pictures import check_picture, draw_to
+from .datasets import write_dataset
+from .machines import add_start, check_files, command_with_machine, machine_of, start_of
+from .pictures import draw_to
 
 _ABOUT = """
 Find a periodic orbit of a machine: vx.periodic_orbit without a program.
@@ -54,10 +54,7 @@ def add_search(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Find the orbit, print it, and write what is requested."""
-    if args.out:
-        check_target(args.out)
-    if args.picture:
-        check_picture(args.picture)
+    check_files(args)
     system, _ = machine_of(args, args.changes)
     orbit = settled_orbit(args, system)
     print(orbit)  # noqa: T201

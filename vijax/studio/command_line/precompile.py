@@ -1,13 +1,12 @@
 """The command `precompile`."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from ..._precompile.precompile import CALLS, checked_calls, writable_store
 from ..._precompile.rehearsals import rehearse
 from .forces import add_allow_forces
-from .machines import MACHINE, machine_of
+from .machines import add_machine, command_with_examples, machine_of
 
 _ABOUT = """
 Compile ahead of time what calls will need for a kind of machine: vx.precompile without a program.
@@ -25,23 +24,10 @@ examples:
 
 def add_to(commands: Any) -> None:
     """Add the command and its options."""
-    parser = commands.add_parser(
-        "precompile",
-        help="compile ahead of time what calls will need",
-        description=_ABOUT,
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("machine", type=Path, help=MACHINE)
+    words = "compile ahead of time what calls will need"
+    parser = command_with_examples(commands, "precompile", words, _ABOUT, _EXAMPLES)
+    add_machine(parser)
     parser.add_argument("calls", nargs="*", metavar="CALL", help=f"{', '.join(CALLS)} (all of them)")
-    parser.add_argument(
-        "--set",
-        metavar="PATH=VALUE",
-        action="append",
-        dest="changes",
-        default=[],
-        help="change the machine first",
-    )
     add_allow_forces(parser)
     parser.set_defaults(run=run)
 

@@ -1,7 +1,6 @@
 """The command `sweep`."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,7 @@ from ..._progress import interrupt_with_word_of
 from ..._sweep.sweep import sweep
 from ..._system.spelling import did_you_mean
 from .datasets import check_target, open_dataset, write_dataset
-from .forces import add_allow_forces
-from .machines import MACHINE, machine_of
+from .machines import add_machine, add_run_options, add_start, command_with_examples, machine_of
 from .values import RANGES, assignment, numbers, swept_values
 
 _ABOUT = """
@@ -46,16 +44,11 @@ _TIMES = "ts"
 
 def add_to(commands: Any) -> None:
     """Add the command and its options."""
-    parser = commands.add_parser(
-        "sweep",
-        help="run a machine over a grid of parameter values, into a file",
-        description=_ABOUT,
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        argument_default=argparse.SUPPRESS,
-    )
+    words = "run a machine over a grid of parameter values, into a file"
+    only_given = {"argument_default": argparse.SUPPRESS}
+    parser = command_with_examples(commands, "sweep", words, _ABOUT, _EXAMPLES, **only_given)
+    add_machine(parser)
     add = parser.add_argument
-    add("machine", type=Path, help=MACHINE)
     add("--out", metavar="FILE", help="where the dataset goes, .nc or .zarr; replaced if it is there")
     add(
         "--over",
@@ -65,7 +58,6 @@ def add_to(commands: Any) -> None:
         action="append",
         help=f"what is swept: {RANGES}; several make a grid",
     )
-    add("--set", metavar="PATH=VALUE", action="append", dest="changes", help="change the machine first")
     add("--transient", type=int, metavar="N", help="forcing periods before recording (100)")
     add("--record", type=int, metavar="N", help="forcing periods that are recorded (20)")
     add("--duration", type=float, metavar="TIME", help="follow motions from their start for this time, "
@@ -73,8 +65,7 @@ def add_to(commands: Any) -> None:
     add("--ts", metavar="VALUES", help=f"with --duration, times at which states are saved: {RANGES}")
     add("--carry", choices=("up", "down", "both"), help="start every point where the one before it ended")
     add("--carry-from", metavar="FILE", help="go on from the end states of an earlier sweep")
-    add("--x0", metavar="X,X,...", help="positions at the start (0); --x0=-0.1,0 if the first is negative")
-    add("--v0", metavar="V,V,...", help="velocities at the start (0)")
+    add_start(parser)
     add("--lyapunov", action="store_true", help="compute all Lyapunov exponents too")
     add("--quantities", metavar="NAME,...", help="more variables, as max_position,rms_velocity")
     add("--max-impacts", type=int, metavar="N", help="room for the recorded impacts of one point (2048)")
@@ -82,21 +73,15 @@ def add_to(commands: Any) -> None:
     add("--store", metavar="FOLDER", help="keep finished points there: the same command goes on from them, and "
         "several at once share the work")  # fmt: skip
     add("--cores", type=int, metavar="N", help="cores to use (all)")
-    add(
-        "--keep-compiled",
-        action="store_true",
-        help="keep compiled programs for later commands (~/.cache/vijax)",
-    )
-    add("--progress", action=argparse.BooleanOptionalAction, help="show a bar (if a terminal looks on)")
-    add_allow_forces(parser)
-    parser.set_defaults(run=run, progress=sys.stderr.isatty())
+    add_run_options(parser)
+    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
     """Sweep and write the dataset."""
     typed = dict(assignment(text) for text in getattr(args, "over", []))
     first = {path: float(swept_values(path, given).flat[0]) for path, given in typed.items()}
-    system, table = machine_of(args, getattr(args, "changes", []), first)
+    system, table = machine_of(args, args.changes, first)
     options = _options(table.get("sweep", {}), vars(args), str(args.machine))
     if "out" not in options:
         raise ValueError("Say with --out in which file the dataset goes, .nc or .zarr.")

@@ -1,7 +1,7 @@
 """Schemes of machines: an `ImpactSystem`, or the machine of a trajectory."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from ..._machine.machine import Machine
 from ..._machine.numbers import BaseLoad, base_of, harmonic_load_of, tones_of
 from ..._machine.switching import SwitchingContacts
 from ..._system.compliant import CompliantContact, CompliantStop
+from ..._system.contact import whole_row
 from ..._system.force import name_of_force, whole_force
 from ..._system.forcing import Harmonic
 from ..._system.hysteresis import ForceBesideSliders
@@ -44,7 +45,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         jax.tree.map(np.subtract, whole, of_base.waves),
         _speeds(whole, system.forcing.clock, tones_of(system)),
     )
-    rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
+    rows = np.array([whole_row(stop.coefficients, n) for stop in system.stops]).reshape(-1, n)
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
     (stiffness, damping), omitted = _drawn(
         np.asarray(system.stiffness), np.asarray(system.damping), system.num_states, len(system.hysteresis)
@@ -67,7 +68,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         is_damped=np.array([bool(getattr(stop, "damping", 0) > 0) for stop in system.stops], bool),
         is_preloaded=np.array([bool(getattr(stop, "preload", 0) > 0) for stop in system.stops], bool),
         friction=tuple(
-            Rubbing(_row(n, one.coefficients), float(one.slip), float(one.velocity), one.contact)
+            Rubbing(whole_row(one.coefficients, n), float(one.slip), float(one.velocity), one.contact)
             for one in system.friction
         ),
         omitted=omitted,
@@ -94,13 +95,6 @@ def _base_in_words(mass: np.ndarray, of_base: BaseLoad, speeds: np.ndarray) -> s
 def _accelerations(mass: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Accelerations by forces, (n, ...)."""
     return np.linalg.solve(mass, forces) if mass.ndim == 2 else (forces[: len(mass)].T / mass).T
-
-
-def _row(num_masses: int, coefficients: dict[int, Any]) -> np.ndarray:
-    row = np.zeros(num_masses)
-    for i, a in coefficients.items():
-        row[i] = float(a)
-    return row
 
 
 def _law_in_words(stop: AnyStop) -> str:

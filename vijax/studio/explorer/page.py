@@ -156,21 +156,20 @@ class Explorer:
         self.motion = None
         self._show(lambda: motion_at(self.ds, self.place, self.changes.values))
 
-    def _find_orbit(self) -> None:
-        def find() -> PointMotion:
-            if self.motion is None:
-                raise RuntimeError("There is no motion here.")
-            return orbit_near(self.motion)
+    def _orbit(self) -> PointMotion:
+        """The orbit near the shown motion."""
+        if self.motion is None:
+            raise RuntimeError("There is no motion here.")
+        return orbit_near(self.motion)
 
-        self._later(lambda: self._show(find))
+    def _find_orbit(self) -> None:
+        self._later(lambda: self._show(self._orbit))
 
     def _continue(self) -> None:
         """Follow the orbit of the shown motion, and draw the branch over the diagram."""
 
         def follow() -> PointMotion:
-            if self.motion is None:
-                raise RuntimeError("There is no motion here.")
-            motion = orbit_near(self.motion)
+            motion = self._orbit()
             assert motion.orbit is not None
             path, name = self.diagram.drawn[0], self.ordinate.value
             column = "" if name == IMPACTS else name
