@@ -7,8 +7,9 @@ are text, numbers or arrays of several numbers: NetCDF and Zarr store nothing el
 import importlib.metadata
 import platform
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -184,6 +185,11 @@ def variable_attributes(name: str) -> dict[str, str]:
     name = re.sub(r"^(force|args)\..*", r"\1", name)
     units = {"units": _UNITS[name]} if name in _UNITS else {}
     return ({"long_name": _MEANINGS[name]} if name in _MEANINGS else {}) | units
+
+
+def with_words(columns: Mapping[str, tuple[Any, Any, str]]) -> dict[str, tuple[Any, Any, dict[str, str]]]:
+    """Variables of a dataset from their dimensions, values and words."""
+    return {name: (dims, a, {"long_name": words}) for name, (dims, a, words) in columns.items()}
 
 
 def is_taken(name: str) -> bool:

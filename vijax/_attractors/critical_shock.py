@@ -8,6 +8,7 @@ then turned, by smaller and smaller angles, as long as the shock becomes smaller
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import with_words
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
@@ -201,14 +202,13 @@ def _dataset(shocks: Shocks, best: tuple[np.ndarray, float, float, int] | None) 
     unit, low, high, label = nothing if best is None else best
     kick, scale = shocks.of_masses(high * unit), shocks.machines.scale(np.zeros(1, int))[0]
     kick, state = kick / scale, (shocks.state + kick) / scale
-    return xr.Dataset(
-        {
-            "size": ((), high, {"long_name": "size of the smallest shock that leads elsewhere"}),
-            "size_error": ((), high - low, {"long_name": "width of the bracket of the size"}),
-            "kick_x": (("mass",), kick[:n], {"long_name": "change of the position"}),
-            "kick_v": (("mass",), kick[n:], {"long_name": "change of the velocity"}),
-            "x0": (("mass",), state[:n], {"long_name": "position after the shock"}),
-            "v0": (("mass",), state[n:], {"long_name": "velocity after the shock"}),
-            "goes_to": ((), label, {"long_name": "number of the attractor to which it leads"}),
-        }
-    )
+    columns = {
+        "size": ((), high, "size of the smallest shock that leads elsewhere"),
+        "size_error": ((), high - low, "width of the bracket of the size"),
+        "kick_x": ("mass", kick[:n], "change of the position"),
+        "kick_v": ("mass", kick[n:], "change of the velocity"),
+        "x0": ("mass", state[:n], "position after the shock"),
+        "v0": ("mass", state[n:], "velocity after the shock"),
+        "goes_to": ((), label, "number of the attractor to which it leads"),
+    }
+    return xr.Dataset(with_words(columns))

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array
 
+from .._dataset_attributes import with_words
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
@@ -199,25 +200,13 @@ class _Tracking:
     def dataset(self, ends: np.ndarray, num_periods: int, error: float) -> xr.Dataset:
         scale = self.shocks.machines.scale(np.zeros(1, int))[0]
         x, v = np.split(ends.mean(axis=0) / scale, 2)
-        return xr.Dataset(
-            {
-                "x0": (("mass",), x, {"long_name": "position on the boundary"}),
-                "v0": (("mass",), v, {"long_name": "velocity on the boundary"}),
-                "num_periods": (
-                    (),
-                    num_periods,
-                    {"long_name": "forcing periods after which the edge state repeats"},
-                ),
-                "size_error": (
-                    (),
-                    float(np.abs(ends[1] - ends[0]).max()),
-                    {"long_name": "width of the bracket"},
-                ),
-                "recurrence_error": ((), error, {"long_name": "distance after these periods"}),
-                "goes_to": (
-                    ("side",),
-                    np.array([self.first, self.last]),
-                    {"long_name": "attractors on both sides"},
-                ),
-            }
-        )
+        width, sides = float(np.abs(ends[1] - ends[0]).max()), np.array([self.first, self.last])
+        columns = {
+            "x0": ("mass", x, "position on the boundary"),
+            "v0": ("mass", v, "velocity on the boundary"),
+            "num_periods": ((), num_periods, "forcing periods after which the edge state repeats"),
+            "size_error": ((), width, "width of the bracket"),
+            "recurrence_error": ((), error, "distance after these periods"),
+            "goes_to": ("side", sides, "attractors on both sides"),
+        }
+        return xr.Dataset(with_words(columns))

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import with_words
 from .._dataset_checks import check_is_dataset
 from .._jax.arrays import Count, whole_number
 from .._sweep.provenance import machines_of
@@ -90,7 +91,7 @@ def integrity_columns(
             local[k] = ball_about(window, label, k, points)
         *largest[k], center[k] = largest_ball(window, label, k)
     basin, boundary = entropies(label, box)
-    along = {
+    columns = {
         "share": (share, "fraction of the starts that lead to the attractor"),
         "share_error": (share_error, "binomial standard error of the share"),
         "local_integrity": (local[:, 0], "largest ball of the basin about the attractor"),
@@ -98,11 +99,12 @@ def integrity_columns(
         "integrity_factor": (largest[:, 0], "largest ball of the basin"),
         "integrity_factor_error": (largest[:, 1], "bound on the error of the integrity factor"),
     }
-    return {name: ((ATTRACTOR,), a, {"long_name": words}) for name, (a, words) in along.items()} | {
-        "center": ((ATTRACTOR, "quantity"), center, {"long_name": "centre of the largest ball"}),
-        "basin_entropy": ((), np.asarray(basin), {"long_name": "basin entropy"}),
-        "boundary_basin_entropy": ((), np.asarray(boundary), {"long_name": "boundary basin entropy"}),
+    columns = {name: ((ATTRACTOR,), a, words) for name, (a, words) in columns.items()} | {
+        "center": ((ATTRACTOR, "quantity"), center, "centre of the largest ball"),
+        "basin_entropy": ((), np.asarray(basin), "basin entropy"),
+        "boundary_basin_entropy": ((), np.asarray(boundary), "boundary basin entropy"),
     }
+    return with_words(columns)
 
 
 def _checked(basins: xr.Dataset, scale: Mapping[str, float], box: int) -> dict[str, float]:

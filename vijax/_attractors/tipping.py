@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import with_words
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
@@ -78,19 +79,14 @@ def tipping_probability(
     label = shocks.labels(kicks, progress=progress)
     _, share, error = share_statistics(label, len(shocks.motions), count)
     away = float((label != shocks.number).mean())
-    return xr.Dataset(
-        {
-            "tipping": ((), away, {"long_name": "probability to leave the attractor"}),
-            "tipping_error": ((), np.sqrt(away * (1 - away) / count), {"long_name": "standard error"}),
-            "probability": ((ATTRACTOR,), share, {"long_name": "probability to end on the attractor"}),
-            "probability_error": ((ATTRACTOR,), error, {"long_name": "standard error"}),
-            "unknown": (
-                (),
-                float((label < 0).mean()),
-                {"long_name": "fraction that ends on no known attractor"},
-            ),
-        }
-    )
+    columns = {
+        "tipping": ((), away, "probability to leave the attractor"),
+        "tipping_error": ((), np.sqrt(away * (1 - away) / count), "standard error"),
+        "probability": (ATTRACTOR, share, "probability to end on the attractor"),
+        "probability_error": (ATTRACTOR, error, "standard error"),
+        "unknown": ((), float((label < 0).mean()), "fraction that ends on no known attractor"),
+    }
+    return xr.Dataset(with_words(columns))
 
 
 def _root(covariance: Numbers, size: int) -> np.ndarray:

@@ -192,11 +192,6 @@ class ForceFlow(ExpandingFlow):
         gain = gain_of_delay(plan, machine, moved, hold, (branches.modes, branches.at_end()), delay)
         return displacement + gain * delay / 2, v + gain, change
 
-    def inside(self, machine: Machine, state: State, hold: Held) -> Any:
-        """Expand the motion once."""
-        motion = compute_once(self.expand, machine, state, hold)
-        return partial(move_along, machine, state, motion, hold)
-
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Step as far as the expansion is valid."""
         return self._coast(machine, state, machine.hold(state.held), remaining, 1.0)[:2]

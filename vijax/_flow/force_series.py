@@ -6,6 +6,7 @@ The series of the force come from `_series`; those of the load are linear, as in
 positions and velocities have series too, and bound the derivatives of the motion, see `series_length.py`.
 """
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -204,7 +205,4 @@ def _row_sum(machine: Machine, root: Array | None, entries: dict[tuple[int, int]
 
 def largest(rows: list[Array]) -> Array:
     """Largest of some arrays, elementwise."""
-    found = rows[0]
-    for a in rows[1:]:
-        found = jnp.maximum(found, a)
-    return found
+    return reduce(jnp.maximum, rows)

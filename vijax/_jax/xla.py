@@ -360,14 +360,8 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
     return _jit(function, LIGHTLY, name)
 
 
-def _jit_of_parts(function: Callable) -> Callable:
-    """`jit_lightly` for functions that call `in_parts`."""
-    return _jit(function, OF_PARTS)
-
-
-def _jit_of_many_parts(function: Callable) -> Callable:
-    """`_jit_of_parts` for batches of large programs."""
-    return _jit(function, OF_LARGE_PARTS)
+# `jit_lightly` for functions that call `in_parts`, and the same for batches of large programs.
+_jit_of_parts, _jit_of_many_parts = (partial(_jit, options=options) for options in (OF_PARTS, OF_LARGE_PARTS))
 
 
 def jit_quickly(function: Callable, name: Any = None) -> Callable:

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from .._branches.branch import Branch
-from .._dataset_attributes import versions
+from .._dataset_attributes import versions, with_words
 from .._jax.arrays import Count, check_type, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._progress import says_what_compiles, tqdm
@@ -115,28 +115,21 @@ def _dataset(branch: Branch, found: list[tuple[TangencySearch, Tangency]]) -> xr
         scale, path = at.seed.map.scale, at.motions(np.array([one.turn.place]), one.turn.maps)
         saddles[k], motions[k, : len(path)] = at.target / scale, path[:, 0] / scale
     names = [search.saddles.names[one.which] for search, one in found]
-    along = ("tangency",)
+    of = lambda name, kind: np.array([getattr(one, name) for _, one in found], kind)  # noqa: E731
+    sides, periods = (np.array([name[k] for name in names], int) for k in (1, 3))
+    num_periods = np.array([search.saddles.num_periods for search, _ in found], int)
     columns = {
-        branch.path: (along, [one.value for _, one in found], "parameter"),
-        "error": (along, [one.error for _, one in found], "error of the parameter"),
-        "meet": (along, [one.meet for _, one in found], "side of the value on which manifolds cross"),
-        "is_smooth": (along, [one.is_smooth for _, one in found], "whether no corner touches"),
-        "side": (along, [side for _, side, _, _ in names], "side of the saddle"),
-        "period": (along, [period for *_, period in names], "forcing periods since the start of the orbit"),
-        "num_periods": (
-            along,
-            [search.saddles.num_periods for search, _ in found],
-            "forcing periods from one return to the next",
-        ),
-        "saddle_x0": ((*along, "mass"), saddles[:, :n], "position of the saddle"),
-        "saddle_v0": ((*along, "mass"), saddles[:, n:], "velocity of the saddle"),
-        "x": ((*along, "return", "mass"), motions[..., :n], "position of the homoclinic motion"),
-        "v": ((*along, "return", "mass"), motions[..., n:], "velocity of the homoclinic motion"),
-    }
-    kinds = {"meet": int, "side": int, "period": int, "num_periods": int, "is_smooth": bool}
-    variables = {
-        name: (dims, np.asarray(a, kinds.get(name, float)), {"long_name": words})
-        for name, (dims, a, words) in columns.items()
+        branch.path: ("tangency", of("value", float), "parameter"),
+        "error": ("tangency", of("error", float), "error of the parameter"),
+        "meet": ("tangency", of("meet", int), "side of the value on which manifolds cross"),
+        "is_smooth": ("tangency", of("is_smooth", bool), "whether no corner touches"),
+        "side": ("tangency", sides, "side of the saddle"),
+        "period": ("tangency", periods, "forcing periods since the start of the orbit"),
+        "num_periods": ("tangency", num_periods, "forcing periods from one return to the next"),
+        "saddle_x0": (("tangency", "mass"), saddles[:, :n], "position of the saddle"),
+        "saddle_v0": (("tangency", "mass"), saddles[:, n:], "velocity of the saddle"),
+        "x": (("tangency", "return", "mass"), motions[..., :n], "position of the homoclinic motion"),
+        "v": (("tangency", "return", "mass"), motions[..., n:], "velocity of the homoclinic motion"),
     }
     attrs = {"path": branch.path, "phase": 2 * np.pi * float(branch.points.attrs["phase"])}
-    return xr.Dataset(variables, attrs=attrs | versions())
+    return xr.Dataset(with_words(columns), attrs=attrs | versions())

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import ArrayLike
 
-from .._dataset_attributes import versions
+from .._dataset_attributes import versions, with_words
 from .._jax.arrays import Count, real_number, refuse_single_precision, whole_number
 from .._jax.concrete import concrete
 from .._jax.xla import padding_allowed
@@ -178,24 +178,23 @@ def _dataset(
         "v0": (("branch", "point", "mass"), states[..., n:], "velocity on the manifold"),
         "arclength": (("branch", "point"), arclength, "length of the curve from the saddle, of (W x, v)"),
         "piece": (("branch", "point"), piece, "number of the piece of the curve, -1 between pieces"),
-        "kind": (("branch",), np.array([one[0] for one in names], text), "unstable or stable manifold"),
-        "side": (("branch",), np.array([one[1] for one in names], int), "side of the saddle"),
-        "multiplier": (("branch",), np.array([one[2] for one in names], float), "Floquet multiplier"),
+        "kind": ("branch", np.array([one[0] for one in names], text), "unstable or stable manifold"),
+        "side": ("branch", np.array([one[1] for one in names], int), "side of the saddle"),
+        "multiplier": ("branch", np.array([one[2] for one in names], float), "Floquet multiplier"),
         "period": (
-            ("branch",),
+            "branch",
             np.array([one[3] for one in names], int),
             "forcing periods since the start of the orbit",
         ),
-        "end": (("branch",), np.array([one.end for _, one in curves], text), "why the curve ends"),
+        "end": ("branch", np.array([one.end for _, one in curves], text), "why the curve ends"),
     }
-    variables = {name: (dims, a, {"long_name": words}) for name, (dims, a, words) in columns.items()}
     attrs = {
         "num_periods": orbit.num_periods,
         "length": length,
         "spacing": spacing,
         "phase": float(orbit.phase),
     }
-    return xr.Dataset(variables, attrs=attrs | versions())
+    return xr.Dataset(with_words(columns), attrs=attrs | versions())
 
 
 def _cut_at_jumps(states: np.ndarray, spacing: float) -> np.ndarray:

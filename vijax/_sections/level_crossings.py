@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import with_words
 from .._dataset_checks import check_columns, check_is_dataset
 from .._jax.arrays import Count, Numbers, as_numpy_float, real_number, whole_number
 from .record import dims_of
@@ -103,10 +104,9 @@ def level_crossings(ds: xr.Dataset, levels: Numbers, mass: Count = 0, *, after: 
         "peak_std": ((), peaks.std(ddof=1), "standard deviation of the largest positions"),
         "peak_std_error": ((), _error_of_deviation(peaks), "standard error of the standard deviation"),
     }
-    variables = {name: (dims, a, {"long_name": words}) for name, (dims, a, words) in columns.items()}
     coords = {name: a for name, a in ds.coords.items() if set(a.dims) <= set(grid) and name in grid}
     attrs = {"mass": number, "samples": samples, "after": first, "duration": float(span)}
-    return xr.Dataset(variables, coords={**coords, "level": wanted}, attrs=attrs)
+    return xr.Dataset(with_words(columns), coords={**coords, "level": wanted}, attrs=attrs)
 
 
 def _error(values: np.ndarray) -> Any:

@@ -13,7 +13,7 @@ To add an operation, extend `Operation`, give it a method of `Builder` in `build
 import abc
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +24,9 @@ from .algebra import Coefficient, Factor, Operand, Order, Read, is_known, minus,
 @dataclass(eq=False, frozen=True)
 class Operation(abc.ABC):
     """Series number `out`, made of the series `args`."""
+
+    # The first arguments, whose derivatives make its own; None for all.
+    num_sources: ClassVar[int | None] = None
 
     out: int
     args: tuple[Operand, ...]
@@ -48,7 +51,7 @@ class Operation(abc.ABC):
     @property
     def sources(self) -> tuple[Operand, ...]:
         """Arguments whose derivatives make its own."""
-        return self.args
+        return self.args[: self.num_sources]
 
     @abc.abstractmethod
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
@@ -134,9 +137,7 @@ class Square(Operation):
 class Quotient(Operation):
     """Series y = a / b, from y b = a. The third argument is `Reciprocal` of b."""
 
-    @property
-    def sources(self) -> tuple[Operand, ...]:
-        return self.args[:2]
+    num_sources = 2
 
     def first(self, read: Read) -> Coefficient:
         a, _, inverse = self.args
@@ -158,9 +159,7 @@ class Quotient(Operation):
 class SquareRoot(Operation):
     """Series y = sqrt(a), from y^2 = a. The second argument is `Reciprocal` of y."""
 
-    @property
-    def sources(self) -> tuple[Operand, ...]:
-        return self.args[:1]
+    num_sources = 1
 
     def first(self, read: Read) -> Coefficient:
         return jnp.sqrt(read(self.args[0], 0))
@@ -230,9 +229,7 @@ class InverseIntegral(Operation):
 
     value: Callable
 
-    @property
-    def sources(self) -> tuple[Operand, ...]:
-        return self.args[:1]
+    num_sources = 1
 
     def first(self, read: Read) -> Coefficient:
         return self.value(read(self.args[0], 0))
@@ -288,9 +285,7 @@ def chosen(which: Coefficient, cases: list[Coefficient]) -> Coefficient:
 class Slope(Operation):
     """Coefficients k a_k: of the derivative by time, times time."""
 
-    @property
-    def sources(self) -> tuple[Operand, ...]:
-        return ()
+    num_sources = 0
 
     def first(self, read: Read) -> Coefficient:
         return None
@@ -308,12 +303,10 @@ class Slope(Operation):
 class Fixed(Operation):
     """Number that does not change along the motion: it has order 0 alone, and no derivative."""
 
+    num_sources = 0
+
     def later(self, read: Read, k: Order) -> Coefficient:
         return None
-
-    @property
-    def sources(self) -> tuple[Operand, ...]:
-        return ()
 
     def derivative(self, build: Any, of: Callable[[Operand], Operand]) -> Operand:
         return np.float64(0)

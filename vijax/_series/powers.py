@@ -39,9 +39,7 @@ class Power(Operation):
     is_clipped: bool
     modes: tuple[int, ...] = ()
 
-    @property
-    def sources(self) -> tuple[Operand, ...]:
-        return self.args[:1]
+    num_sources = 1
 
     def first(self, read: Read) -> Coefficient:
         return power(_from_knot(read, self.args[0], self.modes), self._exponent(read), self.is_clipped)
@@ -164,9 +162,7 @@ def power(a: Coefficient, p: Coefficient, is_clipped: bool) -> Coefficient:
 class CubeRoot(Operation):
     """Series y = cbrt(a), from 3 a y' = y a'. The second argument is `PowerReciprocal` of a."""
 
-    @property
-    def sources(self) -> tuple[Operand, ...]:
-        return self.args[:1]
+    num_sources = 1
 
     def first(self, read: Read) -> Coefficient:
         return jnp.cbrt(read(self.args[0], 0))

@@ -32,30 +32,10 @@ def series_of(build: Builder, name: str, args: Sequence[Operand], params: dict[s
     return RULES[name](build, *args, **params)
 
 
-def _same(build: Builder, a: Operand, **_: Any) -> Operand:
-    return a
-
-
 def _convert(build: Builder, a: Operand, *, new_dtype: Any, **_: Any) -> Operand:
     if not np.issubdtype(new_dtype, np.floating):
         raise Refused(f"convert_element_type to {np.dtype(new_dtype)}")
     return a
-
-
-def _add(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
-    return build.linear([(1, a), (1, b)])
-
-
-def _subtract(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
-    return build.linear([(1, a), (-1, b)])
-
-
-def _negative(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.linear([(-1, a)])
-
-
-def _multiply(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
-    return build.multiply(a, b)
 
 
 def _integer_power(build: Builder, a: Operand, *, y: int, **_: Any) -> Operand:
@@ -67,10 +47,6 @@ def _integer_power(build: Builder, a: Operand, *, y: int, **_: Any) -> Operand:
 def _square_root(build: Builder, a: Operand, **_: Any) -> Operand:
     found = _of_square(build, a)
     return build.sqrt(a) if found is None else build.linear([(math.sqrt(found[0]), _abs(build, found[1]))])
-
-
-def _reciprocal_root(build: Builder, a: Operand, **_: Any) -> Operand:
-    return divide(build, _ONE, _square_root(build, a))
 
 
 def _of_square(build: Builder, a: Operand) -> tuple[float, Operand] | None:
@@ -105,10 +81,6 @@ def _power(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
 
 def _exp2(build: Builder, a: Operand, **_: Any) -> Operand:
     return build.integral(jnp.exp2, (a,), lambda y: [(math.log(2), y, a)], "exp2")
-
-
-def _expm1(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.integral(jnp.expm1, (a,), lambda y: [(1, build.exp(a), a)], "expm1")
 
 
 def _circular(place: int) -> Rule:
@@ -151,10 +123,6 @@ def _erf_inverse(build: Builder, a: Operand, **_: Any) -> Operand:
     return build.integral(lax.erf_inv, (a,), pairs, "erf_inv")
 
 
-def _log1p(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.inverse_integral(jnp.log1p, a, build.linear([(1, a)], 1), "log1p")
-
-
 def _around(build: Builder, a: Operand) -> Operand:
     """(1 - a) (1 + a), accurate near its zeros."""
     return build.multiply(build.linear([(-1, a)], 1), build.linear([(1, a)], 1))
@@ -183,10 +151,6 @@ def _arccosh(build: Builder, a: Operand, **_: Any) -> Operand:
     return build.inverse_integral(jnp.arccosh, a, g, "acosh")
 
 
-def _arctanh(build: Builder, a: Operand, **_: Any) -> Operand:
-    return build.inverse_integral(jnp.arctanh, a, _around(build, a), "atanh")
-
-
 def _arctan2(build: Builder, y: Operand, x: Operand, **_: Any) -> Operand:
     """From r^2 angle' = x y' - y x'."""
     square = build.linear([(1, build.square(x)), (1, build.square(y))])
@@ -199,10 +163,6 @@ def _compare(*, turned: bool) -> Rule:
         return above(build, b, a) if turned else above(build, a, b)
 
     return rule
-
-
-def _not_equal(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
-    return build.compute(jnp.logical_not, (equal(build, a, b),), "not")
 
 
 def _is_one(a: Operand, b: Operand) -> bool:
@@ -233,31 +193,23 @@ def _smaller(build: Builder, a: Operand, b: Operand, **_: Any) -> Operand:
     return a if _is_one(a, b) else build.choose(above(build, a, b), [a, b])
 
 
-def _clamp(build: Builder, low: Operand, a: Operand, high: Operand, **_: Any) -> Operand:
-    return _smaller(build, _larger(build, a, low), high)
-
-
-def _select(build: Builder, which: Operand, *cases: Operand, **_: Any) -> Operand:
-    return build.choose(which, cases)
-
-
 RULES: dict[str, Rule] = {
-    **dict.fromkeys(("copy", "reduce_precision", "stop_gradient"), _same),
+    **dict.fromkeys(("copy", "reduce_precision", "stop_gradient"), lambda build, a, **_: a),
     "convert_element_type": _convert,
-    "add": _add,
-    "sub": _subtract,
-    "neg": _negative,
-    "mul": _multiply,
+    "add": lambda build, a, b, **_: build.linear([(1, a), (1, b)]),
+    "sub": lambda build, a, b, **_: build.linear([(1, a), (-1, b)]),
+    "neg": lambda build, a, **_: build.linear([(-1, a)]),
+    "mul": lambda build, a, b, **_: build.multiply(a, b),
     "square": lambda build, a, **_: build.square(a),
     "integer_pow": _integer_power,
     "div": lambda build, a, b, **_: divide(build, a, b),
     "sqrt": _square_root,
-    "rsqrt": _reciprocal_root,
+    "rsqrt": lambda build, a, **_: divide(build, _ONE, _square_root(build, a)),
     "cbrt": lambda build, a, **_: build.cube_root(a),
     "pow": _power,
     "exp": lambda build, a, **_: build.exp(a),
     "exp2": _exp2,
-    "expm1": _expm1,
+    "expm1": lambda build, a, **_: build.integral(jnp.expm1, (a,), lambda y: [(1, build.exp(a), a)], "expm1"),
     "sin": _circular(0),
     "cos": _circular(1),
     "sinh": _hyperbolic(0),
@@ -269,24 +221,24 @@ RULES: dict[str, Rule] = {
     "erfc": _erf(lax.erfc, -1, "erfc"),
     "erf_inv": _erf_inverse,
     "log": lambda build, a, **_: build.log(a),
-    "log1p": _log1p,
+    "log1p": lambda build, a, **_: build.inverse_integral(jnp.log1p, a, build.linear([(1, a)], 1), "log1p"),
     "asin": _arcsin,
     "acos": _arccos,
     "atan": _arctan,
     "asinh": _arcsinh,
     "acosh": _arccosh,
-    "atanh": _arctanh,
+    "atanh": lambda build, a, **_: build.inverse_integral(jnp.arctanh, a, _around(build, a), "atanh"),
     "atan2": _arctan2,
     **dict.fromkeys(("gt", "ge"), _compare(turned=False)),
     **dict.fromkeys(("lt", "le"), _compare(turned=True)),
     "eq": lambda build, a, b, **_: equal(build, a, b),
-    "ne": _not_equal,
+    "ne": lambda build, a, b, **_: build.compute(jnp.logical_not, (equal(build, a, b),), "not"),
     "is_finite": lambda build, a, **_: np.bool_(True),
     "abs": _abs,
     "sign": _sign,
     "max": _larger,
     "min": _smaller,
-    "clamp": _clamp,
-    "select_n": _select,
+    "clamp": lambda build, low, a, high, **_: _smaller(build, _larger(build, a, low), high),
+    "select_n": lambda build, which, *cases, **_: build.choose(which, cases),
     TABLE: table,
 }

@@ -5,11 +5,12 @@ import xarray as xr
 
 from .._branches.branch import Bifurcation
 from .._branches.kinds import Kind
-from .._dataset_attributes import variable_attributes, versions
+from .._dataset_attributes import versions
 from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import interrupt_with_result, says_what_compiles, tqdm
+from .._sweep.dataset import labelled
 from .._sweep.short_names import with_labels
 from .._system.parameters import machine_at
 from .._trajectory.simulate import simulate_all
@@ -180,9 +181,7 @@ def _dataset(section: SectionMap, family: TorusFamily) -> xr.Dataset:
     }
     if family.locked_period:
         attrs["locked_periods"] = family.locked_period
-    ds = xr.Dataset(columns, attrs=attrs | versions()).set_coords(section.path)
-    for name, variable in ds.variables.items():
-        variable.attrs = variable_attributes(str(name))
+    ds = labelled(xr.Dataset(columns, attrs=attrs | versions()).set_coords(section.path))
     ds["is_stable"].attrs["long_name"] = "whether all exponents but that along the circle are negative"
     ds["error"].attrs["long_name"] = "largest distance of the circle from its image, in the size of the orbit"
     return with_labels(ds, section.system)
