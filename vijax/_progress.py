@@ -49,7 +49,7 @@ def says_what_compiles(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
         def tell(work: Stage) -> None:
-            if kwargs.get("progress", has_bar or _is_somebody_there()):
+            if kwargs.get("progress", has_bar or _is_interactive()):
                 _say(function.__name__, work, [*args, *kwargs.values()])
 
         with announced_to(tell):
@@ -58,7 +58,7 @@ def says_what_compiles(function: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-def _is_somebody_there() -> bool:
+def _is_interactive() -> bool:
     """True if stderr is a terminal, or a notebook runs."""
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 

@@ -83,7 +83,7 @@ def test_without_a_bar_a_call_prints_only_where_somebody_looks_on(said, monkeypa
     call = says_what_compiles(without_bar)
     call(None)
     assert said == []
-    monkeypatch.setattr(_progress, "_is_somebody_there", lambda: True)
+    monkeypatch.setattr(_progress, "_is_interactive", lambda: True)
     call(None)
     assert said[0].startswith("without_bar: tracing for this kind of machine, once in every process")
 

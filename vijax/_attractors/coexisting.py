@@ -66,8 +66,8 @@ def coexisting(machines: Machines, ends: Endpoints, known: list[Attractor] | Non
         for belongs in (approached, in_clouds):
             unknown = left[label[left] < 0]
             label[unknown] = belongs(motions, ends, unknown)
-        is_told = len(motions) > num_known or (label[left] >= 0).any()
-        if not is_told and len(left) > _SAMPLE:
+        has_news = len(motions) > num_known or (label[left] >= 0).any()
+        if not has_news and len(left) > _SAMPLE:
             break  # a full sample brought nothing new; where few are left, one may still leave a transient
     return Coexisting(motions, label)
 

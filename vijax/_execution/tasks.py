@@ -94,25 +94,25 @@ def run_tasks(
         for key, args in tasks:
             yield key, function(*args)
         return
-    desk = _TaskPool(executor, function, (_Task(*task) for task in tasks), max(in_flight, 1))
+    pool = _TaskPool(executor, function, (_Task(*task) for task in tasks), max(in_flight, 1))
     try:
-        while desk.give_out():
-            task, answer = desk.next_answer()
+        while pool.submit_more():
+            task, answer = pool.next_answer()
             if answer is None:
-                desk.again.append(task)
+                pool.again.append(task)
             elif answer.error is not None:
                 raise answer.error
             else:
                 yield task.key, answer.value
     finally:
-        for future in desk.given:
+        for future in pool.given:
             future.cancel()
-    if desk.closed is not None:
-        raise desk.closed
+    if pool.closed is not None:
+        raise pool.closed
 
 
 class _TaskPool:
-    """Counter where tasks go out and answers come in.
+    """Tasks given to an executor, and their answers.
 
     Attributes:
         again: tasks that were lost.
@@ -127,8 +127,8 @@ class _TaskPool:
         self._executor, self._function, self._more, self._room = executor, function, more, room
         self._done: SimpleQueue[Future] = SimpleQueue()
 
-    def give_out(self) -> bool:
-        """Give out tasks while there are any and there is room; True if the executor has any."""
+    def submit_more(self) -> bool:
+        """Submit tasks while there are any and there is room; True if the executor has any."""
         while self.closed is None and len(self.given) < self._room:
             task = self.again.pop() if self.again else next(self._more, None)
             if task is None:

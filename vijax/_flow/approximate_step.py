@@ -35,7 +35,7 @@ from .event_margins import (
     times_to_events,
 )
 from .exact_step import simultaneity_tolerance, state_after_step
-from .interface import AbstractFlow, Flight
+from .interface import AbstractFlow, Flight, StepMotion
 from .mode_series import LONGEST_STEP_AND_TERMS
 from .switching_margins import guard_margins_at, guards_crossed_in_step
 
@@ -124,9 +124,7 @@ class SteppingFlow(AbstractFlow):
         """Try one step in every lane."""
         return over_lanes(type(self)._fly, state.x, self, machine, state, remaining, resolution)
 
-    def propagate(
-        self, machine: Machine, state: State, hold: Held, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def propagate(self, machine: Machine, state: State, hold: Held, step: Scalar) -> StepMotion:
         """Take one step of the solver."""
         displacement, gain = over_lanes(type(self).step_by, state.x, self, machine, state, hold, step)
         gain = machine.contacts.gain_with_hold(gain, hold)

@@ -32,6 +32,7 @@ from .bernstein import nodes, slopes_at_nodes
 from .event_margins import StepInterior, phase_change
 from .exact_step import state_after_step
 from .explicit_step import explicit_step
+from .interface import FlightMotion, PhaseChange
 
 # Gains of positions and velocities, and integrals of the pulls.
 _Gains = tuple[Array, Array, Array | None]
@@ -162,13 +163,8 @@ class DiffraxFlow(SteppingFlow):
         return Attempt(displacement, gain, StepInterior(*inside), is_finite & keep, following, control)
 
     def flow_map(
-        self,
-        machine: Machine,
-        state: State,
-        hold: Held,
-        span: Scalar,
-        change: Float[Array, "2 harmonics"],
-    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        self, machine: Machine, state: State, hold: Held, span: Scalar, change: PhaseChange
+    ) -> FlightMotion:
         """Follow a whole flight by steps of controlled length; NaN after too many.
 
         Differentiable forward. Step lengths but the last are constants: derivatives are those of the computed motion.

@@ -26,7 +26,7 @@ from .._machine.machine import Machine
 from .._machine.state import FROZEN, State
 from .arrival import arrival_of, delays_to_events
 from .guard_rests import GuardRests, guard_rests
-from .interface import AbstractFlow, Expansion, Flight
+from .interface import AbstractFlow, Expansion, Flight, StepMotion
 from .safe_step import Bound, divided_bound, divided_bound_of_two, safe_step
 from .series import sum_series, taylor_series
 from .switching_step import switching_step
@@ -113,9 +113,7 @@ class ExpandingFlow(AbstractFlow):
         motion = compute_once(self.expand, machine, state, hold)
         return flight_along(machine, state, motion, hold, remaining, resolution)
 
-    def propagate(
-        self, machine: Machine, state: State, hold: Held, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def propagate(self, machine: Machine, state: State, hold: Held, step: Scalar) -> StepMotion:
         """Expand the motion, then move."""
         motion = compute_once(self.expand, machine, state, hold)
         return compute_once(move_along, machine, state, motion, hold, step)

@@ -20,6 +20,7 @@ from .._jax.xla import is_any
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
+from .interface import FlightMotion
 
 # Terms of the series, four at a time: for norms up to 1 the 20th is below rounding.
 _TERMS = 20
@@ -28,9 +29,7 @@ _TERMS = 20
 _DOUBLINGS, _TOGETHER = 24, 4
 
 
-def exponential_increments(
-    machine: Machine, state: State, hold: Held, span: Scalar
-) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+def exponential_increments(machine: Machine, state: State, hold: Held, span: Scalar) -> FlightMotion:
     """Displacement and gain of velocity over a span of any length, with some masses held.
 
     References:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Int, PyTree
 
 from .._jax.arrays import Scalar
 from .._jax.xla import compute_once
@@ -30,7 +30,7 @@ from .delayed_branches import gain_of_delay
 from .exact_step import ExpandingFlow, flight_along, move_along, state_after_step
 from .force_plan import plan_of
 from .force_series import LONGEST_PHASE, ForceSeries, force_series
-from .interface import Flight
+from .interface import Flight, FlightMotion, PhaseChange, StepMotion
 from .orders import Orders, as_array, slope_of, value_of
 from .series import derivative, horner, sum_series
 from .series_length import derivative_limit, is_bounded, is_consistent, motion_limit, time_limit
@@ -154,9 +154,7 @@ class ForceFlow(ExpandingFlow):
         memory = motion.branches.after(flight.duration, has_event)
         return eqx.tree_at(lambda f: f.end, flight, with_memory(flight.end, memory))
 
-    def propagate(
-        self, machine: Machine, state: State, hold: Held, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def propagate(self, machine: Machine, state: State, hold: Held, step: Scalar) -> StepMotion:
         """Sum the series; where a branch changes at the end, its time moves with the parameters."""
         if state.x.ndim == 1:
             return self._move(machine, state, hold, step)
@@ -212,13 +210,8 @@ class ForceFlow(ExpandingFlow):
         return end, step, moved[0]
 
     def flow_map(
-        self,
-        machine: Machine,
-        state: State,
-        hold: Held,
-        span: Scalar,
-        change: Float[Array, "2 harmonics"],
-    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        self, machine: Machine, state: State, hold: Held, span: Scalar, change: PhaseChange
+    ) -> FlightMotion:
         """Follow a whole flight step by step; NaN after too many. Differentiable forward."""
         del change
         direction, zero = jnp.where(span < 0, -1.0, 1.0), jnp.zeros_like(state.x)

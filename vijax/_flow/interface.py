@@ -15,6 +15,13 @@ from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
 
+# Change of the forcing phase over a step or a flight.
+PhaseChange = Float[Array, "2 harmonics ..."]
+# Displacement and gain of velocity over a flight.
+FlightMotion = tuple[Float[Array, "n ..."], Float[Array, "n ..."]]
+# Displacement, velocities at the end, and change of the phase over a step.
+StepMotion = tuple[Float[Array, "n ..."], Float[Array, "n ..."], PhaseChange]
+
 
 class Expansion(eqx.Module):
     """Expansion of the motion about one instant, with some masses held.
@@ -41,9 +48,7 @@ class Expansion(eqx.Module):
         """Bound |v^(4)| / 24 on [0, limit], (n,)."""
 
     @abc.abstractmethod
-    def move(
-        self, machine: Machine, state: State, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def move(self, machine: Machine, state: State, step: Scalar) -> StepMotion:
         """Displacement x(step) - x(0), velocity v(step), and change of the forcing phase over `step`."""
 
 
@@ -106,16 +111,10 @@ class AbstractFlow(eqx.Module):
         """
 
     @abc.abstractmethod
-    def propagate(
-        self, machine: Machine, state: State, hold: Held, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def propagate(self, machine: Machine, state: State, hold: Held, step: Scalar) -> StepMotion:
         """Displacement x(step) - x(0), velocity v(step), and change of the forcing phase over `step`."""
 
-    def inside(
-        self, machine: Machine, state: State, hold: Held
-    ) -> Callable[
-        [Scalar], tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]
-    ]:
+    def inside(self, machine: Machine, state: State, hold: Held) -> Callable[[Scalar], StepMotion]:
         """`propagate` as a function of the duration alone, for many durations of one step."""
         return partial(self.propagate, machine, state, hold)
 
@@ -124,13 +123,8 @@ class AbstractFlow(eqx.Module):
         """State after one step of at most `remaining` that ignores the stops, and the length of the step."""
 
     def flow_map(
-        self,
-        machine: Machine,
-        state: State,
-        hold: Held,
-        span: Scalar,
-        change: Float[Array, "2 harmonics ..."],
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        self, machine: Machine, state: State, hold: Held, span: Scalar, change: PhaseChange
+    ) -> FlightMotion:
         """Follow the smooth motion over a whole flight, ignoring the stops; backwards for a negative span.
 
         With `has_flow_map`: one evaluation, differentiable forward and reverse by all arguments, accurate relative to

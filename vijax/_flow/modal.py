@@ -30,7 +30,7 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.waves import speeds, turned
 from .exact_step import ExpandingFlow
-from .interface import Expansion
+from .interface import Expansion, FlightMotion, PhaseChange, StepMotion
 from .modal_tables import Modes, Rests, SteadyResponse, bounds_of_rests, response_of
 from .mode_series import (
     LONGEST_STEP_AND_TERMS,
@@ -116,9 +116,7 @@ class PreparedModalFlow(ExpandingFlow):
             push=_push(machine, modes, state.phase),
         )
 
-    def propagate(
-        self, machine: Machine, state: State, hold: Held, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def propagate(self, machine: Machine, state: State, hold: Held, step: Scalar) -> StepMotion:
         """Advance the modes, without what only `fly` needs of an expansion: derivatives would be taken of that too."""
         return compute_once(self._advanced, machine, state, hold, step)
 
@@ -132,13 +130,8 @@ class PreparedModalFlow(ExpandingFlow):
         return _moved_under_tables(machine, modes, response, free, push, state, step)
 
     def flow_map(
-        self,
-        machine: Machine,
-        state: State,
-        hold: Held,
-        span: Scalar,
-        change: Float[Array, "2 harmonics ..."],
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        self, machine: Machine, state: State, hold: Held, span: Scalar, change: PhaseChange
+    ) -> FlightMotion:
         """Evaluate the modes at any time."""
         modes, response = self._of_set(machine, state, hold, (self.modes, self.response), skips=False)
         free, push = self._coordinates(machine, state, modes, response), _push(machine, modes, state.phase)
@@ -239,9 +232,7 @@ class ModalExpansion(Expansion):
     def _roots_of_energies(self) -> Float[Array, "modes ..."]:
         return jnp.sqrt(self.q_rate**2 + self.modes.squared_frequency * self.q**2)
 
-    def move(
-        self, machine: Machine, state: State, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def move(self, machine: Machine, state: State, step: Scalar) -> StepMotion:
         """Advance every mode and the forcing phase."""
         free = self.q, self.q_rate
         if self.push is None:

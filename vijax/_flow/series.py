@@ -30,6 +30,7 @@ from .._jax.xla import compute_once
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
+from .interface import StepMotion
 
 _SHORT = 4
 # Most orders that are unrolled without a call each: of more, XLA would compute each from the first.
@@ -127,7 +128,7 @@ def vector(rows: list[Array], n: int, axis: int = 0) -> Array:
 
 def sum_series(
     x: Float[Array, "_ n ..."], phase: Float[Array, "_ 2 harmonics ..."], step: Scalar
-) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+) -> StepMotion:
     """Displacement, velocity and change of the phase at `step`."""
     return step * horner(x[1:], step), horner(derivative(x), step), step * horner(phase[1:], step)
 

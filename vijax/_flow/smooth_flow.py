@@ -5,6 +5,8 @@ linear machine is one affine map z -> P z + b, the same for every period. Its po
 cost grows with the logarithm of their number. Time and phase restart with every period, as in the loop of a trajectory.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,6 +22,15 @@ from .interface import AbstractFlow
 
 # Period of a machine without load, times its rate: any would serve, this one is a few steps.
 _UNIT = 8.0
+
+
+class _Goal(NamedTuple):
+    """Arguments of `coast` that say when the motion ends."""
+
+    phase0: Float[Array, "2 harmonics"]
+    periods: Int[Array, ""]
+    time: Scalar
+    max_steps: Int[Array, ""]
 
 
 def coast(
@@ -42,22 +53,17 @@ def coast(
         time: remainder of the final time, which is not before the start of the motion.
         max_steps: bound on the steps within a period. A motion that needs more ends in NaN.
     """
+    goal = _Goal(phase0, periods, time, max_steps)
     if machine.tables is None and flow.flow_map_reaches_far:
-        return _flow_map(flow, machine, state, phase0, periods, time)
+        return _flow_map(flow, machine, state, goal)
     if machine.tables is not None or machine.tones is not None:
-        return _through_periods(flow, machine, state, phase0, periods, time, max_steps)
-    return _by_steps(flow, machine, state, phase0, periods, time, max_steps)
+        return _through_periods(flow, machine, state, goal)
+    return _by_steps(flow, machine, state, goal)
 
 
-def _flow_map(
-    flow: AbstractFlow,
-    machine: Machine,
-    state: State,
-    phase0: Float[Array, "2 harmonics"],
-    periods: Int[Array, ""],
-    time: Scalar,
-) -> State:
+def _flow_map(flow: AbstractFlow, machine: Machine, state: State, goal: _Goal) -> State:
     """Coast by one evaluation of the flow map."""
+    phase0, periods, time, _ = goal
     span = (periods - state.periods) * machine.period + (time - state.time)
     phase = turned(machine.phase_of_period(phase0, periods), machine.phase_of_harmonics(time))
     displacement, gain = flow.flow_map(machine, state, machine.hold(state.held), span, phase - state.phase)
@@ -68,16 +74,9 @@ def _flow_map(
     return eqx.tree_at(names, state, here)
 
 
-def _by_steps(
-    flow: AbstractFlow,
-    machine: Machine,
-    state: State,
-    phase0: Float[Array, "2 harmonics"],
-    periods: Int[Array, ""],
-    time: Scalar,
-    max_steps: Int[Array, ""],
-) -> State:
+def _by_steps(flow: AbstractFlow, machine: Machine, state: State, goal: _Goal) -> State:
     """Coast step by step within a period, and by whole periods."""
+    phase0, periods, time, max_steps = goal
     is_driven = machine.frequency > 0
     unit = jnp.where(is_driven, machine.period, _UNIT * machine.timescale)
     is_later = periods > state.periods
@@ -101,16 +100,9 @@ def _by_steps(
     return _for(flow, machine, state, jnp.where(is_driven & is_later, time, 0), max_steps)
 
 
-def _through_periods(
-    flow: AbstractFlow,
-    machine: Machine,
-    state: State,
-    phase0: Float[Array, "2 harmonics"],
-    periods: Int[Array, ""],
-    time: Scalar,
-    max_steps: Int[Array, ""],
-) -> State:
+def _through_periods(flow: AbstractFlow, machine: Machine, state: State, goal: _Goal) -> State:
     """Coast step by step, from knot to knot of loads by tables and from period to period, which need not be alike."""
+    phase0, periods, time, max_steps = goal
 
     def left(state: State) -> tuple[Scalar, Array]:
         is_last = state.periods >= periods

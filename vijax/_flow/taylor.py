@@ -15,7 +15,7 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .exact_step import ExpandingFlow
 from .exponential import exponential_increments
-from .interface import Expansion
+from .interface import Expansion, FlightMotion, PhaseChange, StepMotion
 from .series import horner, next_coefficients, orders, rows_of_state, sum_series, taylor_series, vector
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
@@ -67,9 +67,7 @@ class TaylorFlow(ExpandingFlow):
         now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
         return TaylorExpansion(now, trust * machine.timescale, x, force, phase)
 
-    def propagate(
-        self, machine: Machine, state: State, hold: Held, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def propagate(self, machine: Machine, state: State, hold: Held, step: Scalar) -> StepMotion:
         """Sum the series term by term, without storing it."""
         order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
         extend, start = next_coefficients(machine, hold), rows_of_state(state)
@@ -94,13 +92,8 @@ class TaylorFlow(ExpandingFlow):
         return vector(displacement, n), vector(v, n), jnp.stack(phase).reshape(state.phase.shape)
 
     def flow_map(
-        self,
-        machine: Machine,
-        state: State,
-        hold: Held,
-        span: Scalar,
-        change: Float[Array, "2 harmonics ..."],
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        self, machine: Machine, state: State, hold: Held, span: Scalar, change: PhaseChange
+    ) -> FlightMotion:
         """Follow a whole flight by the matrix exponential."""
         del change
         return exponential_increments(machine, state, hold, span)
@@ -130,9 +123,7 @@ class TaylorExpansion(Expansion):
         del machine
         return horner([(k + 1) * jnp.abs(self.x[k + 1]) for k in range(4, len(self.x) - 1)], limit)
 
-    def move(
-        self, machine: Machine, state: State, step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    def move(self, machine: Machine, state: State, step: Scalar) -> StepMotion:
         """Sum the series at `step`."""
         del machine, state
         return sum_series(self.x, self.phase, step)

@@ -1,6 +1,6 @@
-"""Word of programs that are being compiled, for whoever waits for them.
+"""Reports of programs that are being compiled, for the call that waits for them.
 
-A call opens itself to it by `announced_to`; what compiles calls `announce`, in whichever thread.
+A call receives them within `announced_to`; what compiles calls `announce`, in whichever thread.
 """
 
 import enum
@@ -22,7 +22,7 @@ class Stage(enum.Enum):
 
 
 class _Listener:
-    """Whom the outermost open call tells; it decides nothing but words on the screen."""
+    """Callback of the outermost call that receives reports: it affects messages alone."""
 
     tell: Callable[[Stage], None] | None = None
 
@@ -37,7 +37,7 @@ def is_announced() -> bool:
 
 @contextmanager
 def announced_to(tell: Callable[[Stage], None]) -> Iterator[None]:
-    """Tell of all that compiles until the end, in all threads."""
+    """Report all that compiles within the block, in all threads."""
     before, _listener.tell = _listener.tell, tell
     try:
         yield
@@ -46,6 +46,6 @@ def announced_to(tell: Callable[[Stage], None]) -> Iterator[None]:
 
 
 def announce(stage: Stage) -> None:
-    """Tell the call that waits for it."""
+    """Report a stage to the call that waits for it."""
     if _listener.tell is not None:
         _listener.tell(stage)

@@ -217,11 +217,11 @@ def _swept_values(
         # Labels of a parameter's own dimension, `mass` for instance, are not values.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)
-    is_told = isinstance(
+    has_named_force = isinstance(
         users_force(base.system.force), NamedForce
     )  # its numbers are not leaves of the machine
     return {
         path: values
         for path, values in found.items()
-        if is_parameter(base, path) or (is_told and is_of_force(path))
+        if is_parameter(base, path) or (has_named_force and is_of_force(path))
     }

@@ -2,8 +2,7 @@
 
 Most follow exactly from what is recorded anyway. Extremes and means of squares are observed while the motions are followed
 (`observer.py`), by a program of its own: sweeps without them take no longer. To add a quantity, write a function of
-`_Recorded` and list it in `_QUANTITIES`, its dimensions in `DIMS`, its meaning in `_dataset_attributes.py`, and what must
-be observed for it in `_OBSERVED`.
+`_Recorded` and list it in `_QUANTITIES`, and its meaning in `_dataset_attributes.py`.
 
 An impact on a stop changes the velocity of its mass alone if the mass matrix is diagonal, by -(1 + r(u)) u, u the speed of
 approach. So the recorded u determines its impulse and its loss of energy. Stops that share inertia, as contacts between
@@ -122,7 +121,7 @@ def _check_impacts(name: str, system: ImpactSystem, counts: Counts) -> None:
 
 def observed_for(wanted: Sequence[str]) -> tuple[str, ...]:
     """Names of the observations that some quantities need."""
-    return tuple(sorted({one for name in wanted for one in _OBSERVED.get(name, ())}))
+    return tuple(sorted({one for name in wanted for one in _QUANTITIES[name].observed}))
 
 
 def quantity_tables(
@@ -142,7 +141,7 @@ def quantity_tables(
         observed: observed values, points first, see `observed_for`.
     """
     recorded = _Recorded(points, counts, tables, observed)
-    return {name: _QUANTITIES[name](recorded) for name in wanted}
+    return {name: _QUANTITIES[name].compute(recorded) for name in wanted}
 
 
 def of_points(point: Column, a: np.ndarray) -> np.ndarray:
@@ -242,38 +241,36 @@ def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.nd
     return _Impact(mass, speed, rebound, chatter, light)
 
 
-_QUANTITIES: dict[str, Callable[[_Recorded], np.ndarray]] = {
-    "section_position": lambda recorded: recorded.tables["section_x"],
-    "section_velocity": lambda recorded: recorded.tables["section_v"],
-    **{name: partial(_extreme, name) for name in EXTREMES if name not in OF_BASE},
-    "peak_to_peak": _peak_to_peak,
-    "rms_position": partial(_rms, "square_position"),
-    "rms_velocity": partial(_rms, "square_velocity"),
-    "rms_acceleration": partial(_rms, "square_acceleration"),
-    "max_absolute_acceleration": partial(_largest_size, OF_BASE),
-    "impact_rate": _impact_rate,
-    "impulse": partial(_summed, _impulse),
-    "dissipated_energy": partial(_summed, _dissipated_energy),
-    "hysteresis_energy": _hysteresis_energy,
-    "mean_velocity": _mean_velocity,
-}
-# Observations that a quantity needs, see `observer.py`.
-_OBSERVED = {name: (name,) for name in EXTREMES if name not in OF_BASE} | {
-    "peak_to_peak": ("max_position", "min_position"),
-    "rms_position": ("square_position",),
-    "rms_velocity": ("square_velocity",),
-    "hysteresis_energy": ("hysteresis_energy",),
-    "rms_acceleration": ("square_acceleration",),
-    "max_absolute_acceleration": OF_BASE,
+class _Quantity(NamedTuple):
+    """How a quantity is computed, its dimensions besides those of the points, and the observations that it needs."""
+
+    compute: Callable[[_Recorded], np.ndarray]
+    dims: tuple[str, ...] = ("mass",)
+    observed: tuple[str, ...] = ()
+
+
+def _observed_extreme(name: str) -> _Quantity:
+    return _Quantity(partial(_extreme, name), ("stop",) if name == "max_force" else ("mass",), (name,))
+
+
+def _root_of_mean(square: str) -> _Quantity:
+    return _Quantity(partial(_rms, square), observed=(square,))
+
+
+_QUANTITIES = {
+    "section_position": _Quantity(lambda recorded: recorded.tables["section_x"], ("period", "mass")),
+    "section_velocity": _Quantity(lambda recorded: recorded.tables["section_v"], ("period", "mass")),
+    **{name: _observed_extreme(name) for name in EXTREMES if name not in OF_BASE},
+    "peak_to_peak": _Quantity(_peak_to_peak, observed=("max_position", "min_position")),
+    "rms_position": _root_of_mean("square_position"),
+    "rms_velocity": _root_of_mean("square_velocity"),
+    "rms_acceleration": _root_of_mean("square_acceleration"),
+    "max_absolute_acceleration": _Quantity(partial(_largest_size, OF_BASE), observed=OF_BASE),
+    "impact_rate": _Quantity(_impact_rate, ("stop",)),
+    "impulse": _Quantity(partial(_summed, _impulse), ("period", "stop")),
+    "dissipated_energy": _Quantity(partial(_summed, _dissipated_energy), ("period", "stop")),
+    "hysteresis_energy": _Quantity(_hysteresis_energy, ("hysteresis",), ("hysteresis_energy",)),
+    "mean_velocity": _Quantity(_mean_velocity),
 }
 # Dimensions besides those of the points.
-DIMS: dict[str, tuple[str, ...]] = {
-    **{name: ("stop",) if name == "max_force" else ("mass",) for name in _OBSERVED},
-    "hysteresis_energy": ("hysteresis",),
-    "section_position": ("period", "mass"),
-    "section_velocity": ("period", "mass"),
-    "impact_rate": ("stop",),
-    "impulse": ("period", "stop"),
-    "dissipated_energy": ("period", "stop"),
-    "mean_velocity": ("mass",),
-}
+DIMS = {name: quantity.dims for name, quantity in _QUANTITIES.items()}

@@ -37,8 +37,8 @@ def describe_force(force: Callable | None) -> dict[str, Any]:
     if force is None:
         return {"force": None}
     own, args = (force.force, force.args) if isinstance(force, BoundForce) else (force, None)
-    of_args = {} if args is None else _told("args", args, args, _numbers)
-    of_force = _told("force", whole_force(own), own, as_force)
+    of_args = {} if args is None else _described("args", args, args, _numbers)
+    of_force = _described("force", whole_force(own), own, as_force)
     if of_args is None:
         return {"force": {"name": name_of_force(force)}}
     return (of_force or {"force": {"name": name_of_force(own)}}) | of_args
@@ -111,7 +111,7 @@ def _made_of(given: dict[str, Any], found: Mapping[str, Any]) -> Callable:
     return force
 
 
-def _told(name: str, value: Any, wanted: Any, build: Callable[[Any], Any]) -> dict[str, Any] | None:
+def _described(name: str, value: Any, wanted: Any, build: Callable[[Any], Any]) -> dict[str, Any] | None:
     """Text of a force, or of its args; None unless `build` makes an equal value from the text."""
     try:
         text = _text_of(value)

@@ -96,8 +96,8 @@ def _impacts(branch: Branch, points: xr.Dataset, stop: int) -> list[OrbitImpacts
     def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
         if is_still:
             return 0 * angles
-        is_told = isinstance(system, ImpactSystem) and is_of_force(path)
-        machine = system if is_told else machine_at(system, path, value)
+        is_number_of_force = isinstance(system, ImpactSystem) and is_of_force(path)
+        machine = system if is_number_of_force else machine_at(system, path, value)
         at = machine.stops[stop]
         if at.slot is None:  # a contact has no velocity of its own
             return 0 * angles
