@@ -97,6 +97,24 @@ def test_absolute_accelerations_on_a_shaken_base_are_spring_and_damper_forces_by
     np.testing.assert_allclose(ds.max_absolute_acceleration[0], largest, rtol=3e-4)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("of_record", [False, True])
+def test_absolute_accelerations_with_jenkins_elements_that_never_slip_are_those_with_springs(of_record):
+    names, k, more = ["max_absolute_acceleration", "max_acceleration"], np.diag([2.0, 1.0]), np.full((2, 2), 0.5)
+    pulse = vx.Tabulated([0.0, 1.0, 3.0], [0.0, 1.0, -1.0])
+    load = vx.base_excitation([1.0, 2.0], 0.3, 0.9)
+    load += vx.base_excitation([1.0, 2.0], acceleration=pulse) if of_record else vx.Harmonic([0.1, 0.0], 0.9)
+    joint = vx.Jenkins({0: 1.0, 1: 1.0}, 0.5, 100.0)
+    machines = (
+        vx.ImpactSystem([1.0, 2.0], 0.1 * np.eye(2), k, load, hysteresis=[joint]),
+        vx.ImpactSystem([1.0, 2.0], 0.1 * np.eye(2), k + more, load),
+    )
+    values = {"mass[0]": [1.0, 1.1]}
+    found, known = (vx.sweep(one, values, duration=5.0, quantities=names, progress=False) for one in machines)
+    for name in names:
+        np.testing.assert_allclose(found[name][:, :2], known[name], rtol=1e-12, err_msg=name)
+
+
 def test_an_elastic_ball_has_the_extremes_and_means_of_its_parabolas():
     """One flight a period: height h, speeds up to u = g T / 2; the squares of x and v have the means 8 h^2 / 15, u^2 / 3."""
     height, gravity = 0.8, 9.81

@@ -192,8 +192,11 @@ def _tables(system: ImpactSystem, more: int) -> tuple[TableNumbers, ...] | None:
 
 
 def with_base(numbers: MachineNumbers, system: ImpactSystem) -> MachineNumbers:
-    """Numbers of a machine with the part of the load that a moving base makes."""
-    return eqx.tree_at(lambda n: n.base, numbers, base_of(system), is_leaf=lambda leaf: leaf is None)
+    """Numbers of a machine with the part of the load that a moving base makes, zero on the stretches of Jenkins elements."""
+    base = base_of(system)
+    _, waves = _with_more_coordinates(numbers.mean, base.waves, len(system.hysteresis))
+    base = eqx.tree_at(lambda one: one.waves, base, waves)
+    return eqx.tree_at(lambda n: n.base, numbers, base, is_leaf=lambda leaf: leaf is None)
 
 
 def base_of(system: ImpactSystem) -> BaseLoad:
