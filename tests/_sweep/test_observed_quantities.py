@@ -100,7 +100,11 @@ def test_absolute_accelerations_on_a_shaken_base_are_spring_and_damper_forces_by
 @pytest.mark.slow
 @pytest.mark.parametrize("of_record", [False, True])
 def test_absolute_accelerations_with_jenkins_elements_that_never_slip_are_those_with_springs(of_record):
-    names, k, more = ["max_absolute_acceleration", "max_acceleration"], np.diag([2.0, 1.0]), np.full((2, 2), 0.5)
+    names, k, more = (
+        ["max_absolute_acceleration", "max_acceleration"],
+        np.diag([2.0, 1.0]),
+        np.full((2, 2), 0.5),
+    )
     pulse = vx.Tabulated([0.0, 1.0, 3.0], [0.0, 1.0, -1.0])
     load = vx.base_excitation([1.0, 2.0], 0.3, 0.9)
     load += vx.base_excitation([1.0, 2.0], acceleration=pulse) if of_record else vx.Harmonic([0.1, 0.0], 0.9)

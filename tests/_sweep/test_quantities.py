@@ -222,3 +222,24 @@ def test_impulses_at_rigid_stops_do_not_need_the_others_to_be_rigid():
     for name in names:
         np.testing.assert_allclose(both[name][..., 0], rigid[name][..., 0], rtol=1e-9)
         assert np.isnan(both[name][..., 1]).all()
+
+
+@pytest.mark.thorough
+def test_the_energy_of_impacts_with_friction_is_known_without_friction_alone():
+    """A block thrown along a floor: friction in its impacts takes energy from the sliding motion, of which there is no record."""
+    weight = vx.Harmonic([0.0, 0.0], 1.0, mean=[0.0, -G * MASS])
+    floor = vx.Stop(1, 0.0, "lower", 0.5)
+    none, rubbing = np.zeros((2, 2)), vx.Friction(0, coefficient=0.0, contact=0)
+    system = vx.ImpactSystem([MASS, MASS], none, none, weight, [floor], friction=[rubbing])
+    ds = vx.sweep(
+        system,
+        {"friction[0].coefficient": [0.0, 0.3]},
+        x0=[0.0, HEIGHT],
+        v0=[5.0, 0.0],
+        duration=0.5,
+        quantities=[IMPULSE, ENERGY],
+        progress=False,
+    )
+    assert ds.num_impacts.values.tolist() == [[1], [1]]
+    np.testing.assert_allclose(ds.impulse[:, 0], MASS * 1.5 * np.sqrt(2 * G * HEIGHT), rtol=OF_SUMS)
+    np.testing.assert_allclose(ds.dissipated_energy[:, 0], [0.75 * MASS * G * HEIGHT, np.nan], rtol=OF_SUMS)

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Flag
+from .._jax.arrays import Flag, with_derivative_of
 from .._machine.contacts import Held
 from .._machine.derivatives import Rates, approaches
 from .._machine.kinds import COMPLIANT
@@ -123,7 +123,10 @@ def compliant_switched(
     ends = leaves & is_rounding(contacts.spring_force(state.gap, speed), size)
     events = Zeros(events.first | leaves & is_rounding(state.gap, place), events.second | ends)
     at_limit = is_free & (events.first | is_set_off | (state.gap == 0))
-    gap = jnp.where(at_limit, 0, state.gap)
+    # What passes its position beside another event does so at a time of its own: the gap has derivatives then.
+    gap = with_derivative_of(
+        jnp.where(at_limit, 0, state.gap), jnp.where(at_limit & (speed == 0), 0, state.gap)
+    )
     enters = at_limit & (speed > 0)
     past = jnp.where(at_limit, enters, mode.closed | mode.inside)
     changes = is_free & events.second & ~at_limit

@@ -29,6 +29,7 @@ from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
 from .guards import has_one_guard
 from .hysteresis_limits import at_limits, limits_at_start, sliders_driven, sliders_settled
+from .own_switches import switched_at_own_times
 from .sticking import is_rounding, usual_speeds
 from .tied_friction import loaded, unloaded
 from .transition import Instant, Zeros, no_switches
@@ -193,6 +194,7 @@ def _switch(
     )
     if sliders is not None:
         after = compute_once(sliders_settled, machine, after, sliders)
+    after = eqx.tree_at(lambda s: s.v, after, switched_at_own_times(machine, before, after, hit))
     after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
     ended = jnp.where(events.first, 1, 2 * events.second)
     return after, logged(machine, before, after, instant, ended, duration)

@@ -70,6 +70,7 @@ class _Impact(NamedTuple):
         rebound: speed r(u) u after the impact.
         chatter: speed with which a complete chatter goes on, whose lighter impacts are not recorded; 0 elsewhere.
         light: coefficient r(0) of these.
+        rubbing: largest coefficient of the friction of the stop; 0 without.
     """
 
     mass: np.ndarray
@@ -77,6 +78,7 @@ class _Impact(NamedTuple):
     rebound: np.ndarray
     chatter: np.ndarray
     light: np.ndarray
+    rubbing: np.ndarray
 
 
 def checked_quantities(wanted: Sequence[str], system: ImpactSystem, counts: Counts) -> tuple[str, ...]:
@@ -192,10 +194,13 @@ def _impulse(impact: _Impact) -> np.ndarray:
 
 
 def _dissipated_energy(impact: _Impact) -> np.ndarray:
-    """Energy m (1 - r^2) u^2 / 2 in the frame of the stop, and all that is left where a chatter ends."""
+    """Energy m (1 - r^2) u^2 / 2 in the frame of the stop, and all that is left where a chatter ends.
+
+    Friction of the stop takes energy from the sliding motion too, how much is not recorded.
+    """
     # A difference of squares as a product: near r = 1 the squares would cancel.
     lost = (impact.speed - impact.rebound) * (impact.speed + impact.rebound)
-    return impact.mass * (lost + impact.chatter**2) / 2
+    return np.where(impact.rubbing > 0, np.nan, impact.mass * (lost + impact.chatter**2) / 2)
 
 
 def _summed(of_impact: Callable[[_Impact], np.ndarray], recorded: _Recorded) -> np.ndarray:
@@ -238,7 +243,9 @@ def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.nd
     chatter = np.where(goes_on, np.nan if system.friction else rebound, 0)
     light = np.broadcast_to(np.asarray(of_points(point, np.asarray(one.light_restitution))), speed.shape)
     mass = np.broadcast_to(of_points(point, np.asarray(system.mass[one.mass])), speed.shape)
-    return _Impact(mass, speed, rebound, chatter, light)
+    of_stop = [one.slip for one in system.friction if one.contact == stop]
+    rubbing = sum(np.broadcast_to(of_points(point, np.asarray(slip)), speed.shape) for slip in of_stop)
+    return _Impact(mass, speed, rebound, chatter, light, np.asarray(rubbing))
 
 
 class _Quantity(NamedTuple):

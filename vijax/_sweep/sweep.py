@@ -96,7 +96,7 @@ def sweep(
             "section_velocity", which equal `section_x` and `section_v`; "impact_rate" (..., stop), recorded impacts per
             unit of time; "impulse" (..., period, stop), the sum of m |v+ - v-| over the impacts of a period, those of
             complete chatters included, NaN at compliant stops; "dissipated_energy", the energy that they lose in the frame of the
-            stop, likewise; "hysteresis_energy" (..., hysteresis), the energy that each Jenkins element dissipates in a
+            stop, likewise, NaN too where friction of the stop takes part of it; "hysteresis_energy" (..., hysteresis), the energy that each Jenkins element dissipates in a
             period, in the mean; and "mean_velocity" (..., mass), from the end of the first recorded period to that of the last.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point. If left out, every point has its own, far more than any sound

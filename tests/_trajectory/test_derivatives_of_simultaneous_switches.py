@@ -1,0 +1,59 @@
+"""Derivatives where several elements switch at one instant: each has a time of its own."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import vijax as vx
+
+START, SPAN = np.array([0.0, 1.0]), 9.0
+KINDS = {
+    "friction that turns": {"friction": [vx.Friction(0, 0.5)]},
+    "a stop with preload that closes and opens": {
+        "stops": [vx.CompliantStop(0, 0.3, "upper", 20.0, 1.0, preload=0.5)]
+    },
+}
+OTHERS = {
+    "friction that turns": {"friction": [vx.Friction(i, 0.5) for i in (0, 1)]},
+    "a stop with preload that closes and opens": {
+        "stops": [vx.CompliantStop(i, 0.3, "upper", 20.0, 1.0, preload=0.5) for i in (0, 1)]
+    },
+}
+
+
+def equal_masses(count, **parts):
+    """Masses that do not touch and move alike."""
+    one = np.eye(count)
+    load = vx.Harmonic([2.0] * count, 1.3, phase=[0.3] * count, mean=[0.2] * count)
+    return vx.ImpactSystem([1.0] * count, 0.1 * one, one, load, **parts)
+
+
+def end(system):
+    n = system.num_masses
+
+    def run(start):
+        sol = vx.simulate(system, 0.0, SPAN, start[:n], start[n:])
+        return jnp.concatenate([sol.x1, sol.v1])
+
+    return jax.jit(jax.jacfwd(run))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
+def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone(name):
+    one = np.asarray(end(equal_masses(1, **KINDS[name]))(START))
+    both = np.asarray(end(equal_masses(2, **OTHERS[name]))(np.repeat(START, 2)))
+    np.testing.assert_allclose(both, np.kron(one, np.eye(2)), atol=1e-11)
+
+
+@pytest.mark.slow
+def test_friction_that_turns_as_a_slider_stops_has_the_derivative_by_the_velocity_of_its_belt():
+    def turned(belt):
+        joint, rubbing = vx.Jenkins(0, 1.0, 0.2), vx.Friction(0, 0.5, velocity=belt)
+        sol = vx.simulate(equal_masses(1, friction=[rubbing], hysteresis=[joint]), 0.0, SPAN, [0.0], [1.0])
+        return jnp.concatenate([sol.x1, sol.v1])
+
+    step = 1e-4
+    difference = (turned(step) - turned(-step)) / (2 * step)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(turned))(0.0), difference, atol=1e-6)

@@ -1,0 +1,52 @@
+"""Derivatives of switches at one instant: each has a time of its own.
+
+As with impacts, see `own_times.py`: a step ends at the root of one guard, whose derivatives its time carries. Friction of another mass
+that turns then, or a compliant contact that closes or opens, does so a little later or earlier in a motion beside, by a delay d, and until
+then its force is the old one. Where that jumps by f, velocities change by M^-1 A^T f d. Elements that come to rest need none of this:
+their sliding velocities end at zero, whenever they do. Nor do contacts that open where their force is zero, it does not jump.
+
+Where the velocity at which one element turns depends on the force of another, the derivatives are those of one of the orders.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._jax.arrays import matvec, with_derivative_of
+from .._machine.kinds import COMPLIANT, FRICTION
+from .._machine.machine import Machine
+from .._machine.state import State
+from .friction_limits import sliding_velocity
+
+
+def switched_at_own_times(
+    machine: Machine, before: State, after: State, hit: Bool[Array, "contacts ..."]
+) -> Float[Array, "n ..."]:
+    """Velocities after the switches of an instant, with derivatives as if each had its own time; impacts have others."""
+    contacts, free = machine.contacts, ~jnp.any(hit, axis=0)
+    turns = contacts.are(FRICTION) & (before.mode.direction * after.mode.direction < 0)
+    passes = contacts.are(COMPLIANT) & (before.mode.closed != after.mode.closed)
+    own = machine.in_mode(before)
+    pulls = own.contacts.accelerations(own.total_force(before), own.hold(before.held), before.phase)
+    speed = sliding_velocity(machine, before)
+    guard = jnp.where(turns, -speed, jnp.where(passes, before.gap, 0))
+    rate = jnp.where(turns, contacts.accelerated_towards(pulls, before.phase), speed)
+    is_late = free & (turns | passes) & (rate != 0)
+    delay = jnp.where(is_late, guard, 0) / jax.lax.stop_gradient(jnp.where(is_late, rate, 1))
+    normal = contacts.laws.normal
+    if normal is not None:  # friction begins with the force of its contact
+        begins = contacts.are_tied & (before.mode.direction == 0) & (after.mode.direction != 0)
+        delay = jnp.where(begins, delay[np.array(normal)], delay)
+    jump = jax.lax.stop_gradient(_forces(machine, after) - _forces(machine, before))
+    now = machine.in_mode(after)
+    gain = matvec(now.hold(after.held).mobility, contacts.back(jump * delay))
+    return with_derivative_of(after.v, after.v + gain)
+
+
+def _forces(machine: Machine, state: State) -> Float[Array, "contacts ..."]:
+    """Forces N and T of all elements in the mode of a state."""
+    now = machine.in_mode(state)
+    hold = now.hold(state.held)
+    reaction = now.contacts.contact_force(now.total_force(state), hold, state.phase)
+    return now.contacts.dragged(jnp.where(state.held, reaction, now.contacts.forces_of(state)))
