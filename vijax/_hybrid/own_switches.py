@@ -8,22 +8,37 @@ their sliding velocities end at zero, whenever they do. Nor do contacts that ope
 Where the velocity at which one element turns depends on the force of another, the derivatives are those of one of the orders.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import matvec, with_derivative_of
+from .._jax.arrays import matvec
 from .._machine.kinds import COMPLIANT, FRICTION
 from .._machine.machine import Machine
 from .._machine.state import State
 from .friction_limits import sliding_velocity
 
 
+@eqx.filter_custom_jvp
 def switched_at_own_times(
     machine: Machine, before: State, after: State, hit: Bool[Array, "contacts ..."]
 ) -> Float[Array, "n ..."]:
     """Velocities after the switches of an instant, with derivatives as if each had its own time; impacts have others."""
+    del machine, before, hit
+    return after.v
+
+
+@switched_at_own_times.def_jvp
+def _switched_at_own_times_jvp(primals, tangents):
+    return switched_at_own_times(*primals), eqx.filter_jvp(_delayed, primals, tangents)[1]
+
+
+def _delayed(
+    machine: Machine, before: State, after: State, hit: Bool[Array, "contacts ..."]
+) -> Float[Array, "n ..."]:
+    """Velocities after the switches of an instant, each delayed by the zero that is left of its guard."""
     contacts, free = machine.contacts, ~jnp.any(hit, axis=0)
     turns = contacts.are(FRICTION) & (before.mode.direction * after.mode.direction < 0)
     passes = contacts.are(COMPLIANT) & (before.mode.closed != after.mode.closed)
@@ -41,7 +56,7 @@ def switched_at_own_times(
     jump = jax.lax.stop_gradient(_forces(machine, after) - _forces(machine, before))
     now = machine.in_mode(after)
     gain = matvec(now.hold(after.held).mobility, contacts.back(jump * delay))
-    return with_derivative_of(after.v, after.v + gain)
+    return after.v + gain
 
 
 def _forces(machine: Machine, state: State) -> Float[Array, "contacts ..."]:
