@@ -57,3 +57,15 @@ def test_friction_that_turns_as_a_slider_stops_has_the_derivative_by_the_velocit
     step = 1e-4
     difference = (turned(step) - turned(-step)) / (2 * step)
     np.testing.assert_allclose(jax.jit(jax.jacfwd(turned))(0.0), difference, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_friction_that_turns_as_another_mass_hits_its_stop_has_its_own_derivatives():
+    rubbing = equal_masses(1, friction=[vx.Friction(0, 0.5)])
+    turn = vx.simulate(rubbing, 0.0, SPAN, [0.0], [1.0]).events.t[0]
+    place = vx.simulate(equal_masses(1), 0.0, turn, [-0.2], [0.6]).x1[0]
+    hitting = equal_masses(1, stops=[vx.Stop(0, place, "upper", 0.6)])
+    both = equal_masses(2, stops=[vx.Stop(1, place, "upper", 0.6)], friction=[vx.Friction(0, 0.5)])
+    wanted = np.zeros((4, 4))
+    wanted[::2, ::2], wanted[1::2, 1::2] = end(rubbing)(START), end(hitting)(np.array([-0.2, 0.6]))
+    np.testing.assert_allclose(end(both)(np.array([0.0, -0.2, 1.0, 0.6])), wanted, atol=1e-11)

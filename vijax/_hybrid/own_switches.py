@@ -23,10 +23,13 @@ from .friction_limits import sliding_velocity
 
 @eqx.filter_custom_jvp
 def switched_at_own_times(
-    machine: Machine, before: State, after: State, hit: Bool[Array, "contacts ..."]
+    machine: Machine, before: State, after: State, struck: Bool[Array, "contacts ..."]
 ) -> Float[Array, "n ..."]:
-    """Velocities after the switches of an instant, with derivatives as if each had its own time; impacts have others."""
-    del machine, before, hit
+    """Velocities after the switches of an instant, with derivatives as if each had its own time.
+
+    `struck` are flags of elements whose speed the impacts of this instant change: they switch with these.
+    """
+    del machine, before, struck
     return after.v
 
 
@@ -36,10 +39,10 @@ def _switched_at_own_times_jvp(primals, tangents):
 
 
 def _delayed(
-    machine: Machine, before: State, after: State, hit: Bool[Array, "contacts ..."]
+    machine: Machine, before: State, after: State, struck: Bool[Array, "contacts ..."]
 ) -> Float[Array, "n ..."]:
     """Velocities after the switches of an instant, each delayed by the zero that is left of its guard."""
-    contacts, free = machine.contacts, ~jnp.any(hit, axis=0)
+    contacts = machine.contacts
     turns = contacts.are(FRICTION) & (before.mode.direction * after.mode.direction < 0)
     passes = contacts.are(COMPLIANT) & (before.mode.closed != after.mode.closed)
     own = machine.in_mode(before)
@@ -47,7 +50,7 @@ def _delayed(
     speed = sliding_velocity(machine, before)
     guard = jnp.where(turns, -speed, jnp.where(passes, before.gap, 0))
     rate = jnp.where(turns, contacts.accelerated_towards(pulls, before.phase), speed)
-    is_late = free & (turns | passes) & (rate != 0)
+    is_late = ~struck & (turns | passes) & (rate != 0)
     delay = jnp.where(is_late, guard, 0) / jax.lax.stop_gradient(jnp.where(is_late, rate, 1))
     normal = contacts.laws.normal
     if normal is not None:  # friction begins with the force of its contact

@@ -195,7 +195,7 @@ def _switch(
     if sliders is not None:
         after = compute_once(sliders_settled, machine, after, sliders)
     if contacts.num > 1:
-        after = eqx.tree_at(lambda s: s.v, after, switched_at_own_times(machine, before, after, hit))
+        after = eqx.tree_at(lambda s: s.v, after, switched_at_own_times(machine, before, after, is_struck))
     after = jax.tree.map(lambda new, old: jnp.where(is_now, new, old), after, before)
     ended = jnp.where(events.first, 1, 2 * events.second)
     return after, logged(machine, before, after, instant, ended, duration)
