@@ -83,6 +83,14 @@ def just_after(
     return found
 
 
+def forces_of_elements(machine: Machine, state: State) -> Float[Array, "contacts ..."]:
+    """Forces N and T of all elements, of a machine in the mode of the state."""
+    reaction = machine.contacts.contact_force(
+        machine.total_force(state), machine.hold(state.held), state.phase
+    )
+    return machine.contacts.dragged(jnp.where(state.held, reaction, machine.contacts.forces_of(state)))
+
+
 def sign_just_after(
     values: list[Float[Array, "contacts ..."]], errors: list[Float[Array, "contacts ..."]]
 ) -> Float[Array, "contacts ..."]:

@@ -19,6 +19,7 @@ from .._machine.kinds import COMPLIANT, FRICTION
 from .._machine.machine import Machine
 from .._machine.state import State
 from .friction_limits import sliding_velocity
+from .just_after import forces_of_elements
 
 
 @eqx.filter_custom_jvp
@@ -45,7 +46,7 @@ def _delayed(
     contacts = machine.contacts
     turns = contacts.are(FRICTION) & (before.mode.direction * after.mode.direction < 0)
     passes = contacts.are(COMPLIANT) & (before.mode.closed != after.mode.closed)
-    own = machine.in_mode(before)
+    own, now = machine.in_mode(before), machine.in_mode(after)
     pulls = own.contacts.accelerations(own.total_force(before), own.hold(before.held), before.phase)
     speed = sliding_velocity(machine, before)
     guard = jnp.where(turns, -speed, jnp.where(passes, before.gap, 0))
@@ -56,15 +57,6 @@ def _delayed(
     if normal is not None:  # friction begins with the force of its contact
         begins = contacts.are_tied & (before.mode.direction == 0) & (after.mode.direction != 0)
         delay = jnp.where(begins, delay[np.array(normal)], delay)
-    jump = jax.lax.stop_gradient(_forces(machine, after) - _forces(machine, before))
-    now = machine.in_mode(after)
+    jump = jax.lax.stop_gradient(forces_of_elements(now, after) - forces_of_elements(own, before))
     gain = matvec(now.hold(after.held).mobility, contacts.back(jump * delay))
     return after.v + gain
-
-
-def _forces(machine: Machine, state: State) -> Float[Array, "contacts ..."]:
-    """Forces N and T of all elements in the mode of a state."""
-    now = machine.in_mode(state)
-    hold = now.hold(state.held)
-    reaction = now.contacts.contact_force(now.total_force(state), hold, state.phase)
-    return now.contacts.dragged(jnp.where(state.held, reaction, now.contacts.forces_of(state)))

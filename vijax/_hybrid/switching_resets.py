@@ -29,6 +29,7 @@ from .friction_impacts import impact_with_friction
 from .friction_limits import sliding_velocity
 from .guards import has_one_guard
 from .hysteresis_limits import at_limits, limits_at_start, sliders_driven, sliders_settled
+from .just_after import forces_of_elements
 from .own_switches import switched_at_own_times
 from .sticking import is_rounding, usual_speeds
 from .tied_friction import loaded, unloaded
@@ -124,10 +125,7 @@ def forces_between_events(machine: Machine, state: State) -> Float[Array, "conta
     rests = state.held | state.is_kept_closed
     at_rest = AtRest(rests, jnp.zeros_like(state.mode.direction))
     state = _settled(machine, state, at_rest)
-    now = machine.in_mode(state)
-    hold = now.hold(state.held)
-    reaction = now.contacts.contact_force(now.total_force(state), hold, state.phase)
-    return now.contacts.dragged(jnp.where(state.held, reaction, now.contacts.forces_of(state)))
+    return forces_of_elements(machine.in_mode(state), state)
 
 
 def _switch(

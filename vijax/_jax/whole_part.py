@@ -18,7 +18,8 @@ from jaxtyping import Array
 
 from .jaxprs import reached_outputs
 
-Arrays = list[Array]
+# Of JAX, or their stand-ins while a function is traced; releases of JAX hand over lists or tuples.
+Arrays = Sequence[Any]
 
 part = Primitive("part")
 part.multiple_results = True
@@ -34,10 +35,10 @@ def bound_part(program: Any, arrays: Arrays, call: Callable) -> Arrays:
     return part.bind(*arrays, program=program, call=call)
 
 
-def _evaluate(*arrays: Array, program: Any, call: Callable) -> Arrays:
+def _evaluate(*arrays: Any, program: Any, call: Callable) -> Arrays:
     """The results; the call hands back its arguments, some of which it may not read."""
 
-    def function(*arrays: Array) -> tuple[Arrays, tuple[Array, ...]]:
+    def function(*arrays: Any) -> tuple[Arrays, Arrays]:
         return eval_jaxpr(program.jaxpr, program.consts, *arrays), arrays
 
     return call(function, *arrays)[0]
@@ -48,7 +49,7 @@ def _shapes(*_: Any, program: Any, call: Callable) -> list[ShapedArray]:
     return [ShapedArray(a.shape, a.dtype) for a in program.out_avals]
 
 
-def _differentiate(arrays: Arrays, changes: list, *, program: Any, call: Callable) -> tuple[Arrays, list]:
+def _differentiate(arrays: Arrays, changes: Sequence, *, program: Any, call: Callable) -> tuple[Arrays, list]:
     """Results, and their tangents by a linear map outside of the part."""
     moves = [type(t) is not ad.Zero for t in changes]
     structure: list[Any] = []

@@ -361,7 +361,8 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
 
 
 # `jit_lightly` for functions that call `in_parts`, and the same for batches of large programs.
-_jit_of_parts, _jit_of_many_parts = (partial(_jit, options=options) for options in (OF_PARTS, OF_LARGE_PARTS))
+_jit_of_parts = partial(_jit, options=OF_PARTS)
+_jit_of_many_parts = partial(_jit, options=OF_LARGE_PARTS)
 
 
 def jit_quickly(function: Callable, name: Any = None) -> Callable:

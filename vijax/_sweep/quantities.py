@@ -70,7 +70,7 @@ class _Impact(NamedTuple):
         rebound: speed r(u) u after the impact.
         chatter: speed with which a complete chatter goes on, whose lighter impacts are not recorded; 0 elsewhere.
         light: coefficient r(0) of these.
-        rubbing: largest coefficient of the friction of the stop; 0 without.
+        rubbing: sum of the coefficients of the friction of the stop; 0 without.
     """
 
     mass: np.ndarray
@@ -249,7 +249,7 @@ def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.nd
 
 
 class _Quantity(NamedTuple):
-    """How a quantity is computed, its dimensions besides those of the points, and the observations that it needs."""
+    """A quantity: its function, its dimensions besides those of the points, the names of the observations that it needs."""
 
     compute: Callable[[_Recorded], np.ndarray]
     dims: tuple[str, ...] = ("mass",)
