@@ -13,11 +13,19 @@ KINDS = {
     "a stop with preload that closes and opens": {
         "stops": [vx.CompliantStop(0, 0.3, "upper", 20.0, 1.0, preload=0.5)]
     },
+    "a slider that an impact stops": {
+        "stops": [vx.Stop(0, 0.8, "upper", 0.6)],
+        "hysteresis": [vx.Jenkins(0, 1.0, 0.3)],
+    },
 }
 OTHERS = {
     "friction that turns": {"friction": [vx.Friction(i, 0.5) for i in (0, 1)]},
     "a stop with preload that closes and opens": {
         "stops": [vx.CompliantStop(i, 0.3, "upper", 20.0, 1.0, preload=0.5) for i in (0, 1)]
+    },
+    "a slider that an impact stops": {
+        "stops": [vx.Stop(i, 0.8, "upper", 0.6) for i in (0, 1)],
+        "hysteresis": [vx.Jenkins(i, 1.0, 0.3) for i in (0, 1)],
     },
 }
 

@@ -83,11 +83,13 @@ class AtLimit(NamedTuple):
         upper: at F / k.
         lower: at -F / k.
         stopped: with a velocity along the row that is zero at this instant.
+        slipped: with a slider that slips until this instant, and so a stretch that is the limit already.
     """
 
     upper: Bool[Array, "contacts ..."]
     lower: Bool[Array, "contacts ..."]
     stopped: Bool[Array, "contacts ..."]
+    slipped: Bool[Array, "contacts ..."]
 
 
 def at_limits(
@@ -103,8 +105,12 @@ def at_limits(
     first, second = zeros
     upper = (old > 0) | (sticks & (first | (stretch >= reach)))
     lower = (old < 0) | (sticks & (second | (stretch <= -reach)))
+    slipped = own & ~sticks
     return AtLimit(
-        (own & upper) | is_pointlike, (own & lower) | is_pointlike, own & ~sticks & first & ~is_struck
+        (own & upper) | is_pointlike,
+        (own & lower) | is_pointlike,
+        slipped & first & ~is_struck,
+        slipped & ~is_pointlike,
     )
 
 
@@ -144,6 +150,8 @@ def _slipping(
     new = jnp.where((at.upper & (sign > 0)) | (at.lower & (sign < 0)), sign, jnp.int8(0))
     direction = jnp.where(contacts.are(JENKINS), new, state.mode.direction)
     place = at.upper.astype(jnp.int8) - (at.lower & ~at.upper).astype(jnp.int8)
+    # One that an impact stops has the derivatives of its own time, see `own_times.py`: they are not those of the limit.
+    place = jnp.where(at.slipped, jnp.int8(0), place)
     v = contacts.with_stretches(state.v, jnp.where(new != 0, new, place))
     return eqx.tree_at(lambda s: (s.v, s.mode.direction), state, (v, direction)), new
 

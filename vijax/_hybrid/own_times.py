@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import matvec
+from .._machine.kinds import JENKINS
 from .._machine.machine import Machine
 from .._machine.state import State
 from .friction_limits import sliding_velocity
@@ -160,9 +161,12 @@ def _slopes(machine: Machine, before: State, unit: Array, rise: Array, speed: Ar
 
     def acceleration(v: Array) -> Array:
         state = eqx.tree_at(lambda s: s.v, before, v)
-        if state.mode is not None:  # friction turns with the velocity
-            slides = jnp.where(before.mode.direction == 0, 0, jnp.sign(sliding_velocity(machine, state)))
-            state = eqx.tree_at(lambda s: s.mode.direction, state, slides.astype(jnp.int8))
+        if state.mode is not None:
+            direction, way = before.mode.direction, jnp.sign(sliding_velocity(machine, state))
+            # Friction turns with the velocity, and the slider of a Jenkins element stops.
+            slides = (direction != 0) & (~contacts.are(JENKINS) | (way == direction))
+            direction = jnp.where(slides, way, 0).astype(jnp.int8)
+            state = eqx.tree_at(lambda s: s.mode.direction, state, direction)
         own = machine.in_mode(state)
         return own.contacts.accelerations(own.total_force(state), hold, before.phase)
 
