@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Flag, Scalar
+from .._jax.arrays import Flag, Scalar, with_derivative_of
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import derivatives, rates
 from .._machine.first_state import moving_with, state_before_contact
@@ -104,8 +104,12 @@ def _stick_and_release(
     contact = jnp.where(thrown | (pulled & (approach < 0)), jnp.int8(2), contact)
 
     v = machine.contacts.with_zero_approach(state.v, stuck, state.phase)
+    # A mass that comes to rest has no part of the delay of its impact, see `own_times.py`: its position is that of the stop.
+    x = with_derivative_of(state.x, machine.contacts.with_closed_gaps(state.x, stuck, state.phase))
+    gap = with_derivative_of(state.gap, jnp.where(stuck, 0, state.gap))
     held = (state.held & ~thrown) | stuck | pressed_again
-    after = eqx.tree_at(lambda s: (s.v, s.held, s.contact), state, (v, held, contact))
+    names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
+    after = eqx.tree_at(names, state, (x, v, gap, held, contact))
     instant = eqx.tree_at(
         lambda i: (i.stuck, i.released, i.chatter),
         instant,
