@@ -17,6 +17,10 @@ KINDS = {
         "stops": [vx.Stop(0, 0.8, "upper", 0.6)],
         "hysteresis": [vx.Jenkins(0, 1.0, 0.3)],
     },
+    "a slider at its limit where its mass hits": {
+        "stops": [vx.Stop(0, 0.1, "upper", 0.3)],
+        "hysteresis": [vx.Jenkins(0, 1.0, 0.3)],
+    },
 }
 OTHERS = {
     "friction that turns": {"friction": [vx.Friction(i, 0.5) for i in (0, 1)]},
@@ -25,6 +29,10 @@ OTHERS = {
     },
     "a slider that an impact stops": {
         "stops": [vx.Stop(i, 0.8, "upper", 0.6) for i in (0, 1)],
+        "hysteresis": [vx.Jenkins(i, 1.0, 0.3) for i in (0, 1)],
+    },
+    "a slider at its limit where its mass hits": {
+        "stops": [vx.Stop(i, 0.1, "upper", 0.3) for i in (0, 1)],
         "hysteresis": [vx.Jenkins(i, 1.0, 0.3) for i in (0, 1)],
     },
 }

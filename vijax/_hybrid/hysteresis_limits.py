@@ -18,6 +18,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from .._jax.arrays import with_derivative_of
 from .._jax.concrete import stop_gradients
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, Rates, approaches
@@ -83,13 +84,13 @@ class AtLimit(NamedTuple):
         upper: at F / k.
         lower: at -F / k.
         stopped: with a velocity along the row that is zero at this instant.
-        slipped: with a slider that slips until this instant, and so a stretch that is the limit already.
+        struck: with masses that an impact of this instant turns.
     """
 
     upper: Bool[Array, "contacts ..."]
     lower: Bool[Array, "contacts ..."]
     stopped: Bool[Array, "contacts ..."]
-    slipped: Bool[Array, "contacts ..."]
+    struck: Bool[Array, "contacts ..."]
 
 
 def at_limits(
@@ -105,12 +106,11 @@ def at_limits(
     first, second = zeros
     upper = (old > 0) | (sticks & (first | (stretch >= reach)))
     lower = (old < 0) | (sticks & (second | (stretch <= -reach)))
-    slipped = own & ~sticks
     return AtLimit(
         (own & upper) | is_pointlike,
         (own & lower) | is_pointlike,
-        slipped & first & ~is_struck,
-        slipped & ~is_pointlike,
+        own & ~sticks & first & ~is_struck,
+        own & is_struck & ~is_pointlike,
     )
 
 
@@ -150,9 +150,11 @@ def _slipping(
     new = jnp.where((at.upper & (sign > 0)) | (at.lower & (sign < 0)), sign, jnp.int8(0))
     direction = jnp.where(contacts.are(JENKINS), new, state.mode.direction)
     place = at.upper.astype(jnp.int8) - (at.lower & ~at.upper).astype(jnp.int8)
-    # One that an impact stops has the derivatives of its own time, see `own_times.py`: they are not those of the limit.
-    place = jnp.where(at.slipped, jnp.int8(0), place)
-    v = contacts.with_stretches(state.v, jnp.where(new != 0, new, place))
+    place = jnp.where(new != 0, new, place)
+    v = contacts.with_stretches(state.v, place)
+    # Where an impact stops a slider, the stretch has the derivative of its own time, see `own_times.py`, and not that of the limit.
+    kept = jnp.where(at.struck & (new == 0), jnp.int8(0), place)
+    v = with_derivative_of(v, contacts.with_stretches(state.v, kept))
     return eqx.tree_at(lambda s: (s.v, s.mode.direction), state, (v, direction)), new
 
 
