@@ -145,3 +145,24 @@ def test_orbits_with_and_without_contact_are_found_side_by_side():
         end = np.concatenate(vx.stroboscopic_map(system, orbit.x0, orbit.v0))
         np.testing.assert_allclose(end, np.concatenate([orbit.x0, orbit.v0]), atol=1e-9)
     assert orbits
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "resists",
+    [{"friction": lambda i: vx.Friction(i, 0.4)}, {"hysteresis": lambda i: vx.Jenkins(i, 1.0, 0.3)}],
+    ids=["friction", "Jenkins elements"],
+)
+def test_equal_masses_that_hit_in_step_have_the_multipliers_of_each_twice(resists):
+    """Each impact turns the friction of its own mass, or stops its slider."""
+
+    def multipliers(n):
+        load = vx.Harmonic([2.0] * n, 1.3, phase=[0.3] * n, mean=[0.2] * n)
+        stops = [vx.Stop(i, 0.8, "upper", 0.6) for i in range(n)]
+        more = {name: [element(i) for i in range(n)] for name, element in resists.items()}
+        system = vx.ImpactSystem([1.0] * n, 0.2 * np.eye(n), np.eye(n), load, stops, **more)
+        sol = vx.simulate(system, 0.0, 60 * load.period, [0.1] * n, [0.2] * n)
+        # Rounded, so that pairs of complex conjugates have one order.
+        return np.sort_complex(np.round(vx.periodic_orbit(system, sol.x1, sol.v1).multipliers, 8))
+
+    np.testing.assert_allclose(multipliers(2), np.repeat(multipliers(1), 2), atol=1e-7)

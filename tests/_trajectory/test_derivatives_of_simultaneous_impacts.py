@@ -13,12 +13,18 @@ FAR = vx.Contact({0: 1.0, 1: -1.0}, 50.0, 0.5)
 CUSHION = vx.CompliantStop(0, -30.0, "lower", 1.0)
 
 
-def twins(coupling, damping, r=0.6, extra=(), force=None):
+def twins(coupling, damping, r=0.6, extra=(), force=None, motion=None):
     """Two equal masses with a stop each, in step."""
-    stops = [vx.Stop(i, 1.0, "upper", r) for i in (0, 1)]
+    stops = [vx.Stop(i, 1.0, "upper", r, motion) for i in (0, 1)]
     stiffness = [[1.0 + coupling, -coupling], [-coupling, 1.0 + coupling]]
     load = vx.Harmonic([0.2, 0.2], 1.3)
     return vx.ImpactSystem([1.0, 1.0], damping, stiffness, load, [*stops, *extra], force=force)
+
+
+def alone(motion=None):
+    """One of these masses."""
+    stops = [vx.Stop(0, 1.0, "upper", 0.6, motion)]
+    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.2], 1.3), stops)
 
 
 def end(system):
@@ -45,10 +51,32 @@ def differences(function, start, step=1e-5):
 
 @pytest.mark.slow
 def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone():
-    alone = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.2], 1.3), [vx.Stop(0, 1.0, "upper", 0.6)])
-    one = np.asarray(jax.jacfwd(end(alone))(START[[0, 2]]))
+    one = np.asarray(jax.jacfwd(end(alone()))(START[[0, 2]]))
     both = np.asarray(jax.jacfwd(end(twins(0.0, np.diag([0.1, 0.1]))))(START))
     np.testing.assert_allclose(both, np.kron(one, np.eye(2)), atol=1e-12)
+
+
+def first_impacts(system, count):
+    """Times, velocities and impulses of the first impacts, as a function of the start."""
+    n = system.num_masses
+
+    def run(start):
+        events = vx.simulate(system, 0.0, 9.0, start[:n], start[n:]).events
+        rows = events.t, events.velocity_minus, events.velocity_plus, events.impulse
+        return jnp.stack([a[:count] for a in rows])
+
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("extra", [(), (FAR,)], ids=["stops alone", "a contact far away"])
+@pytest.mark.parametrize("motion", [None, vx.Harmonic([0.05], 1.3, [0.4])], ids=["at rest", "moving"])
+def test_each_impact_of_an_instant_has_its_own_derivatives_in_the_log(extra, motion):
+    one = np.asarray(jax.jacfwd(first_impacts(alone(motion), 2))(START[[0, 2]]))
+    system = twins(0.0, np.diag([0.1, 0.1]), extra=extra, motion=motion)
+    both = np.asarray(jax.jacfwd(first_impacts(system, 4))(START))
+    wanted = np.einsum("qes,ij->qeisj", one, np.eye(2)).reshape(both.shape)
+    np.testing.assert_allclose(both, wanted, atol=1e-12)
 
 
 @pytest.mark.thorough

@@ -64,6 +64,24 @@ def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone(name):
 
 
 @pytest.mark.slow
+def test_stops_that_close_and_open_at_one_instant_have_their_own_derivatives_in_the_log():
+    name, count = "a stop with preload that closes and opens", 4
+
+    def logged(system, count):
+        def run(start):
+            n = system.num_masses
+            events = vx.simulate(system, 0.0, SPAN, start[:n], start[n:]).events
+            return jnp.stack([events.t[:count], events.velocity_minus[:count], events.velocity_plus[:count]])
+
+        return np.asarray(jax.jacfwd(run)(np.repeat(START, system.num_masses)))
+
+    one, both = (logged(equal_masses(n, **kinds[name]), n * count) for n, kinds in ((1, KINDS), (2, OTHERS)))
+    wanted = np.einsum("qes,ij->qeisj", one, np.eye(2)).reshape(both.shape)
+    assert np.isfinite(one).all()
+    np.testing.assert_allclose(both, wanted, atol=1e-11)
+
+
+@pytest.mark.slow
 def test_friction_that_turns_as_a_slider_stops_has_the_derivative_by_the_velocity_of_its_belt():
     def turned(belt):
         joint, rubbing = vx.Jenkins(0, 1.0, 0.2), vx.Friction(0, 0.5, velocity=belt)

@@ -89,7 +89,11 @@ def _fly_jvp(primals, tangents):
         f.duration,
     )
     nothing = jax.tree.map(lambda _: None, flight)
-    return flight, eqx.tree_at(where, nothing, moved, is_leaf=lambda leaf: leaf is None)
+    change = eqx.tree_at(where, nothing, moved, is_leaf=lambda leaf: leaf is None)
+    if flight.delays is None:
+        return flight, change
+    own = jnp.where(is_crossing, delays - later, 0)
+    return flight, eqx.tree_at(lambda f: f.delays, change, own, is_leaf=lambda leaf: leaf is None)
 
 
 def _plus(tangent: Array | None, other: Array) -> Array:

@@ -62,6 +62,8 @@ class Flight(eqx.Module):
         is_last: True where it ended at the target time, or would have without an event.
         at_knots: flags of the loads by tables that have a knot at its end, (streams,); None if there are none.
         at_goal: `is_last` for the goal of the loop, where a knot may have come first; None likewise.
+        delays: times from its end to the events there, (guards,), zeros with the derivatives of times of their own; None if none
+            are asked for.
     """
 
     end: State
@@ -70,6 +72,7 @@ class Flight(eqx.Module):
     is_last: Flag
     at_knots: Bool[Array, "streams ..."] | None = None
     at_goal: Flag | None = None
+    delays: Float[Array, "guards ..."] | None = None
 
 
 class AbstractFlow(eqx.Module):

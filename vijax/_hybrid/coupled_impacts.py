@@ -126,9 +126,10 @@ def impact(
     q = -(1 + restitution) * speed
     _, impulse, rest = solve_complementarity(machine.contacts.compliance, q, instant.hit | closed)
     after, instant, is_open = after_impulses(machine, state, instant, struck, impulse, rest)
-    names = lambda s: (s.x, s.v, s.gap)  # noqa: E731
-    moved = contacts_at_own_times(machine, state, instant.hit, closed, *names(after))
-    return eqx.tree_at(names, after, moved), instant, is_open, impulse
+    names = lambda s, i: (s.x, s.v, s.gap, i.velocity_minus, i.velocity_plus, i.impulse)  # noqa: E731
+    moved = contacts_at_own_times(machine, state, instant.hit, closed, *names(after, instant))
+    after, instant = eqx.tree_at(lambda both: names(*both), (after, instant), moved)
+    return after, instant, is_open, impulse
 
 
 class Struck(NamedTuple):

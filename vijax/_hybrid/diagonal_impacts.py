@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Flag, Scalar, with_derivative_of
+from .._jax.arrays import Flag, Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import derivatives, rates
 from .._machine.first_state import moving_with, state_before_contact
@@ -17,7 +17,7 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.checks import is_touching
 from .law import rebound
-from .own_times import at_own_times
+from .own_times import at_own_times, at_rest_on_stops
 from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed, usual_speeds
 from .transition import Instant
 
@@ -60,14 +60,16 @@ def resolve(
     v_minus = machine.contacts.along(state.v)
     hit = is_event & ~state.held & (v_minus > 0)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
-    x, v, closed = at_own_times(machine, state, hit, *rebound(machine, state, hit), zeros)
+    x, v = rebound(machine, state, hit)
+    after = x, v, zeros, v_minus, machine.contacts.along(v)
+    x, v, closed, v_minus, v_plus = at_own_times(machine, state, hit, *after)
     # The gap of a hit stop is zero; that on the other side of the mass is recomputed.
     afresh = machine.contacts.sharing_mass(hit)
     gap = jnp.where(hit, closed, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))
     contact = jnp.where(hit, jnp.int8(1), state.contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     arrived = jnp.zeros_like(state.time, bool)
-    instant = Instant(hit, none, none, v_minus, machine.contacts.along(v), zeros, arrived, state.time)
+    instant = Instant(hit, none, none, v_minus, v_plus, zeros, arrived, state.time)
     if not machine.can_stick:
         return after, instant
     is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
@@ -104,9 +106,7 @@ def _stick_and_release(
     contact = jnp.where(thrown | (pulled & (approach < 0)), jnp.int8(2), contact)
 
     v = machine.contacts.with_zero_approach(state.v, stuck, state.phase)
-    # A mass that comes to rest has no part of the delay of its impact, see `own_times.py`: its position is that of the stop.
-    x = with_derivative_of(state.x, machine.contacts.with_closed_gaps(state.x, stuck, state.phase))
-    gap = with_derivative_of(state.gap, jnp.where(stuck, 0, state.gap))
+    x, gap = at_rest_on_stops(machine, state.phase, stuck, state.x, state.gap)
     held = (state.held & ~thrown) | stuck | pressed_again
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
     after = eqx.tree_at(names, state, (x, v, gap, held, contact))

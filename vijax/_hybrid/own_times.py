@@ -25,6 +25,9 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .friction_limits import sliding_velocity
 
+# Positions, velocities and gaps after impacts, the speeds of approach of each before and after it, and impulses.
+AfterImpacts = tuple[Array, ...]
+
 
 @eqx.filter_custom_jvp
 def at_own_times(
@@ -34,8 +37,10 @@ def at_own_times(
     x: Float[Array, "n ..."],
     v: Float[Array, "n ..."],
     gap: Float[Array, "stops ..."],
-) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "stops ..."]]:
-    """Positions, velocities and gaps after impacts, with derivatives as if each had its own time.
+    minus: Float[Array, "stops ..."],
+    plus: Float[Array, "stops ..."],
+) -> AfterImpacts:
+    """What is after impacts, with derivatives as if each had its own time.
 
     Args:
         machine: with stops of single masses.
@@ -44,18 +49,21 @@ def at_own_times(
         x: positions after the impacts.
         v: velocities after the impacts.
         gap: gaps of the stops hit, zero.
+        minus: speeds of approach to the stops before the impacts.
+        plus: those after them.
     """
     del machine, before, hit
-    return x, v, gap
+    return x, v, gap, minus, plus
 
 
 @at_own_times.def_jvp
 def _at_own_times_jvp(primals, tangents):
-    machine, before, hit, x, v, _ = primals
+    machine, before, hit, x, v, *_ = primals
     found = at_own_times(*primals)
-    (x_change, v_change, change), gap_change = _changes(found, tangents)
+    changes, gap_change = _changes(found, tangents)
     if gap_change is None:
-        return found, (x_change, v_change, change)
+        return found, tuple(changes)
+    x_change, v_change, change, minus_change, plus_change = changes
     contacts, hold = machine.contacts, machine.hold(before.held)
     delay = jnp.where(hit, gap_change / jnp.where(hit, contacts.along(before.v), 1), 0)
     of_mass = matvec(jnp.abs(jnp.swapaxes(contacts.rows, 0, 1)), delay)
@@ -77,8 +85,36 @@ def _at_own_times_jvp(primals, tangents):
     others = by_dampers(loss / 2)  # of the others that hit: half before, half after
     ahead, behind = acceleration(before.x, before.v) - others, acceleration(x, v) + others
     pulled = by_dampers(loss * of_mass)
-    own = reflected(ahead * of_mass) - behind * of_mass + (pulled + reflected(pulled)) / 2
-    return found, (x_change - v * of_mass, v_change + own, change + contacts.along(v) * delay)
+    gain = ahead * of_mass + pulled / 2
+    rebound = reflected(gain)
+    return found, (
+        x_change - v * of_mass,
+        v_change + rebound - behind * of_mass + pulled / 2,
+        change + contacts.along(v) * delay,
+        minus_change + contacts.along(gain),
+        plus_change + contacts.along(rebound),
+    )
+
+
+@eqx.filter_custom_jvp
+def at_rest_on_stops(
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    stuck: Bool[Array, "stops ..."],
+    x: Float[Array, "n ..."],
+    gap: Float[Array, "stops ..."],
+) -> tuple[Float[Array, "n ..."], Float[Array, "stops ..."]]:
+    """Positions and gaps, of masses that come to rest those of their stops: they have no part of the delay of an impact."""
+    del machine, phase, stuck
+    return x, gap
+
+
+@at_rest_on_stops.def_jvp
+def _at_rest_on_stops_jvp(primals, tangents):
+    def closed(machine: Machine, phase: Array, stuck: Array, x: Array, gap: Array) -> tuple[Array, Array]:
+        return machine.contacts.with_closed_gaps(x, stuck, phase), jnp.where(stuck, 0, gap)
+
+    return at_rest_on_stops(*primals), eqx.filter_jvp(closed, primals, tangents)[1]
 
 
 @eqx.filter_custom_jvp
@@ -90,19 +126,23 @@ def contacts_at_own_times(
     x: Float[Array, "n ..."],
     v: Float[Array, "n ..."],
     gap: Float[Array, "stops ..."],
-) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "stops ..."]]:
-    """`at_own_times` of contacts in general, with all gaps; `closed` are contacts that stay closed in the impacts."""
+    minus: Float[Array, "stops ..."],
+    plus: Float[Array, "stops ..."],
+    impulse: Float[Array, "stops ..."],
+) -> AfterImpacts:
+    """`at_own_times` of contacts in general, with all gaps and impulses; `closed` are contacts that stay closed in the impacts."""
     del machine, before, hit, closed
-    return x, v, gap
+    return x, v, gap, minus, plus, impulse
 
 
 @contacts_at_own_times.def_jvp
 def _contacts_at_own_times_jvp(primals, tangents):
-    machine, before, hit, closed, _, v, gap = primals
+    machine, before, hit, closed, _, v, gap, *_ = primals
     found = contacts_at_own_times(*primals)
-    (x_change, v_change, change), gap_change = _changes(found, tangents)
+    changes, gap_change = _changes(found, tangents)
     if gap_change is None:
-        return found, (x_change, v_change, change)
+        return found, tuple(changes)
+    x_change, v_change, change, minus_change, plus_change, impulse_change = changes
     contacts, phase_rate = machine.contacts, machine.phase_rate(before.phase)
     speed, plus = contacts.speeds(before.v, phase_rate), contacts.speeds(v, phase_rate)
     # Row k of `near` has the contacts that k pushes.
@@ -113,13 +153,19 @@ def _contacts_at_own_times_jvp(primals, tangents):
     delay = jnp.where(alone, gap_change / jnp.where(alone, speed, 1), 0)
     # Changes of the velocities for which the speed of approach to a contact grows by 1.
     unit = contacts.unit_changes()
-    slopes = _slopes(machine, before, unit, jnp.where(alone, plus - speed, 0), speed, alone)
+    law = _slope_of_law(machine, speed)
+    slopes, rises = _slopes(machine, before, unit, jnp.where(alone, plus - speed, 0), law, alone)
     way = jnp.sum(unit * (plus * delay)[:, None], axis=0)
     gain = jnp.sum(slopes * delay[:, None], axis=0)
+    rise = jnp.sum(rises * delay[:, None], axis=0)
     return found, (
         x_change - way,
         v_change + gain,
         change + jnp.where(closed, 0, contacts.along(way)),
+        minus_change + rise,
+        plus_change - law * rise,
+        impulse_change
+        + (1 + law) * rise / jnp.where(alone, jnp.einsum("kk...->k...", contacts.compliance), 1),
     )
 
 
@@ -151,11 +197,20 @@ def _changes(found: tuple[Array, ...], tangents: Sequence) -> tuple[list[Array],
     return changes, None if before is None else before.gap
 
 
-def _slopes(machine: Machine, before: State, unit: Array, rise: Array, speed: Array, alone: Array) -> Array:
-    """Changes of the velocities after the impacts for a delay of each contact by 1, (contacts, n, ...)."""
+def _slope_of_law(machine: Machine, speed: Array) -> Array:
+    """Derivative of the speed at which each contact is left by that at which it is hit."""
+    law = lambda u: machine.contacts.restitution_at(u) * u  # noqa: E731
+    return jax.jvp(law, (speed,), (jnp.ones_like(speed),))[1]
+
+
+def _slopes(
+    machine: Machine, before: State, unit: Array, rise: Array, law: Array, alone: Array
+) -> tuple[Array, Array]:
+    """Changes for a delay of each contact by 1, (contacts, ...).
+
+    Of the velocities after the impacts, (contacts, n, ...), and of the speeds of approach to what is hit, (contacts, contacts, ...).
+    """
     contacts, hold = machine.contacts, machine.hold(before.held)
-    _, slope = jax.jvp(lambda u: contacts.restitution_at(u) * u, (speed,), (jnp.ones_like(speed),))
-    slope = jnp.where(alone, 1 + slope, 0)
     gains = unit * rise[:, None]
     whole = jnp.sum(gains, axis=0)
 
@@ -170,15 +225,13 @@ def _slopes(machine: Machine, before: State, unit: Array, rise: Array, speed: Ar
         own = machine.in_mode(state)
         return own.contacts.accelerations(own.total_force(state), hold, before.phase)
 
-    def reflection(change: Array) -> Array:
-        return slope * contacts.along(change)
-
-    def of_contact(number: Array, gain: Array) -> Array:
+    def of_contact(number: Array, gain: Array) -> tuple[Array, Array]:
         base = before.v + (whole - gain) / 2  # of the others that hit: half before, half after
         ahead = acceleration(base)
         loss = ahead - acceleration(base + gain)
-        is_own = (jnp.arange(contacts.num) == number).reshape(-1, *[1] * (speed.ndim - 1))
-        lost = jnp.where(is_own, reflection(ahead), reflection(loss) / 2)
-        return loss - jnp.sum(unit * lost[:, None], axis=0)
+        is_own = (jnp.arange(contacts.num) == number).reshape(-1, *[1] * (law.ndim - 1))
+        risen = jnp.where(is_own, contacts.accelerated_towards(ahead, before.phase), contacts.along(loss) / 2)
+        risen = jnp.where(alone, risen, 0)
+        return loss - jnp.sum(unit * ((1 + law) * risen)[:, None], axis=0), risen
 
     return jax.vmap(of_contact)(jnp.arange(contacts.num), gains)

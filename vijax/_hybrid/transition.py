@@ -71,6 +71,7 @@ class Instant(eqx.Module):
         switched: events of friction and compliant contacts; None if all contacts are rigid.
         friction_impulse: of each friction element at the contacts that are hit, along its row, (stops,); None without friction of
             contacts.
+        delay: time from this instant to the event of each stop, (stops,), zeros with the derivatives of times of their own; None in runs.
     """
 
     hit: Bool[Array, "stops ..."]
@@ -84,6 +85,7 @@ class Instant(eqx.Module):
     impulse: Float[Array, "stops ..."] | None = None
     switched: Switches | None = None
     friction_impulse: Float[Array, "stops ..."] | None = None
+    delay: Float[Array, "stops ..."] | None = None
 
     @property
     def happened(self) -> Bool[Array, "..."]:

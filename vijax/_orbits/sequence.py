@@ -182,10 +182,12 @@ def sequence_of(
     # The mode at the end of each flight: between events others may take over the load of an element.
     behind, before, after = after, before[row], after[row[-1:]]
     if instants.switched is not None:
-        # Of events of one instant each changes its own element, in order, and the first one those without.
+        # Of events of one instant each changes its own element, in order, and an impact those that it strikes; the first one the rest.
         own, is_earlier = of_instants[row], jnp.arange(num_stops)[None] < stop[:, None]
         is_second = jnp.any(own & is_earlier, axis=1, keepdims=True)
-        before = jnp.where(is_second & (~own | is_earlier), behind[row], before)
+        hit, strikes = own & instants.hit[row], _share_a_mass(numbers)
+        waits = (hit @ strikes) & ~((hit & is_earlier) @ strikes)
+        before = jnp.where(is_second & jnp.where(own, is_earlier, ~waits), behind[row], before)
     if COMPLIANT in kinds:
         # Without an event a mass leaves the inside of a contact: the last flight of a cycle ends as the first one does.
         after = jnp.where((after == INSIDE) & (before[:1] != INSIDE), jnp.int8(FREE), after)
@@ -194,6 +196,12 @@ def sequence_of(
         if own in kinds:
             mode = jnp.where((np.array(kinds) == own)[None] & (mode == general), jnp.int8(special), mode)
     return Sequence(kind, stop, mode), flights
+
+
+def _share_a_mass(numbers: MachineNumbers) -> Bool[Array, "elements elements"]:
+    """Flags of the pairs of elements of which one feels an impulse on the other; all, with a full mass matrix."""
+    acts = jnp.asarray(numbers.rows) != 0
+    return (acts @ acts.T) | (jnp.ndim(numbers.mass) > 1)
 
 
 def _modes_at(happened: Instants) -> tuple[Reals, Reals, Reals]:

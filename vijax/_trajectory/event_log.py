@@ -280,6 +280,8 @@ def event_log(
         kind = add_up([(flag >= k * num_stops).astype(int) for k in range(1, len(kinds))])
         stop = flag - kind * num_stops
         t = instants.time[row]
+        if instants.delay is not None:
+            t = t + instants.delay[row, stop]
         if machine.can_stick:
             t = t + jnp.where(kind == STICK, instants.chatter[row, stop], 0)
         return t, row, kind, stop
@@ -367,8 +369,12 @@ def _velocities_of_stops(
     """Velocities of the stops at the events of every instant; None if all stand still."""
     later = jax.vmap(jax.vmap(machine.phase_after, (None, 0)))
     now, of_others = (over(machine.velocity_of_stops) for over in (jax.vmap, lambda f: jax.vmap(jax.vmap(f))))
-    now, at_sticks = now(phases), of_others(later(phases, instants.chatter))
+    chatter, delay = instants.chatter, instants.delay
+    if delay is None:
+        now, at_sticks = now(phases), of_others(later(phases, chatter))
+    else:
+        now, at_sticks = of_others(later(phases, delay)), of_others(later(phases, delay + chatter))
     if now is None or at_sticks is None:
         return None
-    at_stick = jnp.diagonal(at_sticks, axis1=1, axis2=2)
-    return jnp.stack([now, at_stick, *[now] * (len(_kinds_of(instants)) - 2)], axis=1)
+    own = lambda a: a if a.ndim == 2 else jnp.diagonal(a, axis1=1, axis2=2)  # noqa: E731
+    return jnp.stack([own(now), own(at_sticks), *[own(now)] * (len(_kinds_of(instants)) - 2)], axis=1)

@@ -20,10 +20,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow, Flight
+from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
 from .._jax.xla import AbstractTask, compute_once, in_one_kernel, in_parts, is_any, not_constant, while_any
 from .._machine.contacts import Held
+from .._machine.kinds import COMPLIANT
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.waves import speeds, turned
@@ -218,9 +220,44 @@ def _repeat_once(task: LoopTask, state: State, goal: Int[Array, "..."], row: Rec
     names = lambda s: (s.periods, s.time)  # noqa: E731
     there = state.periods + row.periods, state.time - row.periods * task.machine.period
     begin = eqx.tree_at(names, state, there)
-    own = eqx.tree_at(lambda t: t.flow, task, RecordedFlow(task.flow, row.flight))
+    flight = row.flight
+    if "log" in task.observers:
+        flight = _with(lambda f: f.delays, flight, jnp.zeros(flight.is_event.shape, state.x.dtype))
+    own = eqx.tree_at(lambda t: t.flow, task, RecordedFlow(task.flow, flight))
     leg = own.fly_on(begin, goal)
-    return leg._replace(before=None, flight=None, after=None)
+    instant = leg.instant
+    if leg.flight.delays is not None:
+        instant = _at_own_times(task.machine, leg.flight, leg.flight.delays, instant)
+    return leg._replace(before=None, flight=None, after=None, instant=instant)
+
+
+def _at_own_times(
+    machine: Machine, flight: Flight, delay: Float[Array, "guards ..."], instant: Instant
+) -> Instant:
+    """The instant with the delays of its events, and speeds of compliant contacts with the derivatives of these times.
+
+    Speeds of impacts have those of their own times, see `_hybrid/own_times.py`.
+    """
+    end, num = flight.end, len(instant.hit)
+    if len(delay) > num:  # two guards of each element
+        delay = jnp.where(flight.is_event[:num], delay[:num], delay[num:])
+    instant = _with(lambda i: i.delay, instant, delay)
+    if instant.switched is None or COMPLIANT not in machine.contacts.laws.kinds:
+        return instant
+    own = machine.in_mode(end)
+    pulls = own.contacts.accelerations(own.total_force(end), own.hold(end.held), end.phase)
+    gain = own.contacts.accelerated_towards(pulls, end.phase) * delay
+    gain = jnp.where(instant.switched.closed | instant.switched.opened, gain, 0)
+    return eqx.tree_at(
+        lambda i: (i.velocity_minus, i.velocity_plus),
+        instant,
+        (instant.velocity_minus + gain, instant.velocity_plus + gain),
+    )
+
+
+def _with(name: Callable[[Any], Any], tree: Any, value: Array) -> Any:
+    """The same with a field that runs leave out."""
+    return eqx.tree_at(name, tree, value, is_leaf=lambda leaf: leaf is None)
 
 
 def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool, in_kernel: bool) -> Carry:
@@ -241,6 +278,10 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
     needed = {"log": has_log, "saved": has_saved}
     task = replace(task, observers={name: task.observers[name] for name in needed if needed[name]})
     seen = {name: carry.seen[name] for name in task.observers}
+    if has_log:
+        seen["log"] = _with(
+            lambda log: log.instants.delay, seen["log"], jnp.zeros_like(seen["log"].instants.chatter)
+        )
     first, call = _with_tangents(Repetition(carry.state, carry.goal, seen)), compute_once
     if in_kernel:
         recorder, begun, task, first = not_constant((recorder, begun, task, first))
