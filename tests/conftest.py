@@ -108,3 +108,11 @@ def no_other_cache() -> Iterator[None]:
     yield
     jax.config.update("jax_enable_compilation_cache", True)
     reset_cache()
+
+
+@pytest.fixture
+def optimised_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loops over lanes are compiled with all optimisations, for tests whose runs would take longer than that."""
+    from vijax._jax.compiler_options import FOR_LANES
+
+    monkeypatch.setitem(FOR_LANES, "xla_backend_optimization_level", 3)

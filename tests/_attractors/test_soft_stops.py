@@ -43,6 +43,7 @@ def same(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> None:
         np.testing.assert_allclose(a, theirs[name], rtol=0, atol=BISECTED, err_msg=name)
 
 
+@pytest.mark.usefixtures("optimised_lanes")
 def test_states_in_a_compliant_stop_are_states_as_under_its_force():
     soft, forced = machine([WALL]), machine(force=Choice(3.0, -1.0))
     ours = answers(soft)
