@@ -34,7 +34,7 @@ def integrity(basins: xr.Dataset, *, scale: Mapping[str, float] | None = None, b
         basins: result of `vx.basins`.
         scale: for each start quantity, by its path or short name, the length that counts as 1 in radii; where it is left
             out, the width of the window.
-        box: starts along each side of a box, 2 or more.
+        box: starts along each side of a box, 2 or more. Boxes begin at the lowest values; starts left over at the highest are left out.
 
     Returns:
         Along `attractor`: `share` with its binomial `share_error`; `local_integrity` and `integrity_factor` with the
