@@ -8,7 +8,7 @@ Such a set may let go more than it must, as what is in conflict lets go all at o
 element after the other, with pivots of all others.
 
 Of equally good sets that is taken to which pivots from the first set lead: what is beyond its bound lets go. So the order of the
-elements has no part in it.
+elements has a part only where these pivots lead back to it, as where each of two could slip alone, and both together would return.
 """
 
 from collections.abc import Callable
