@@ -8,32 +8,19 @@ import pytest
 import vijax as vx
 
 START, SPAN = np.array([0.0, 1.0]), 9.0
+# The elements of so many masses.
 KINDS = {
-    "friction that turns": {"friction": [vx.Friction(0, 0.5)]},
-    "a stop with preload that closes and opens": {
-        "stops": [vx.CompliantStop(0, 0.3, "upper", 20.0, 1.0, preload=0.5)]
+    "friction that turns": lambda n: {"friction": [vx.Friction(i, 0.5) for i in range(n)]},
+    "a stop with preload that closes and opens": lambda n: {
+        "stops": [vx.CompliantStop(i, 0.3, "upper", 20.0, 1.0, preload=0.5) for i in range(n)]
     },
-    "a slider that an impact stops": {
-        "stops": [vx.Stop(0, 0.8, "upper", 0.6)],
-        "hysteresis": [vx.Jenkins(0, 1.0, 0.3)],
+    "a slider that an impact stops": lambda n: {
+        "stops": [vx.Stop(i, 0.8, "upper", 0.6) for i in range(n)],
+        "hysteresis": [vx.Jenkins(i, 1.0, 0.3) for i in range(n)],
     },
-    "a slider at its limit where its mass hits": {
-        "stops": [vx.Stop(0, 0.1, "upper", 0.3)],
-        "hysteresis": [vx.Jenkins(0, 1.0, 0.3)],
-    },
-}
-OTHERS = {
-    "friction that turns": {"friction": [vx.Friction(i, 0.5) for i in (0, 1)]},
-    "a stop with preload that closes and opens": {
-        "stops": [vx.CompliantStop(i, 0.3, "upper", 20.0, 1.0, preload=0.5) for i in (0, 1)]
-    },
-    "a slider that an impact stops": {
-        "stops": [vx.Stop(i, 0.8, "upper", 0.6) for i in (0, 1)],
-        "hysteresis": [vx.Jenkins(i, 1.0, 0.3) for i in (0, 1)],
-    },
-    "a slider at its limit where its mass hits": {
-        "stops": [vx.Stop(i, 0.1, "upper", 0.3) for i in (0, 1)],
-        "hysteresis": [vx.Jenkins(i, 1.0, 0.3) for i in (0, 1)],
+    "a slider at its limit where its mass hits": lambda n: {
+        "stops": [vx.Stop(i, 0.1, "upper", 0.3) for i in range(n)],
+        "hysteresis": [vx.Jenkins(i, 1.0, 0.3) for i in range(n)],
     },
 }
 
@@ -58,8 +45,8 @@ def end(system):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_masses_that_do_not_touch_have_the_derivatives_of_each_alone(name):
-    one = np.asarray(end(equal_masses(1, **KINDS[name]))(START))
-    both = np.asarray(end(equal_masses(2, **OTHERS[name]))(np.repeat(START, 2)))
+    one = np.asarray(end(equal_masses(1, **KINDS[name](1)))(START))
+    both = np.asarray(end(equal_masses(2, **KINDS[name](2)))(np.repeat(START, 2)))
     np.testing.assert_allclose(both, np.kron(one, np.eye(2)), atol=1e-11)
 
 
@@ -75,7 +62,7 @@ def test_stops_that_close_and_open_at_one_instant_have_their_own_derivatives_in_
 
         return np.asarray(jax.jacfwd(run)(np.repeat(START, system.num_masses)))
 
-    one, both = (logged(equal_masses(n, **kinds[name]), n * count) for n, kinds in ((1, KINDS), (2, OTHERS)))
+    one, both = (logged(equal_masses(n, **KINDS[name](n)), n * count) for n in (1, 2))
     wanted = np.einsum("qes,ij->qeisj", one, np.eye(2)).reshape(both.shape)
     assert np.isfinite(one).all()
     np.testing.assert_allclose(both, wanted, atol=1e-11)

@@ -91,6 +91,12 @@ def forces_of_elements(machine: Machine, state: State) -> Float[Array, "contacts
     return machine.contacts.dragged(jnp.where(state.held, reaction, machine.contacts.forces_of(state)))
 
 
+def accelerations_towards(machine: Machine, state: State) -> Float[Array, "contacts ..."]:
+    """Accelerations towards contacts, and of sliding, of a machine in the mode of the state."""
+    pulls = machine.contacts.accelerations(machine.total_force(state), machine.hold(state.held), state.phase)
+    return machine.contacts.accelerated_towards(pulls, state.phase)
+
+
 def sign_just_after(
     values: list[Float[Array, "contacts ..."]], errors: list[Float[Array, "contacts ..."]]
 ) -> Float[Array, "contacts ..."]:

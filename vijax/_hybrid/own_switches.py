@@ -19,7 +19,7 @@ from .._machine.kinds import COMPLIANT, FRICTION
 from .._machine.machine import Machine
 from .._machine.state import State
 from .friction_limits import sliding_velocity
-from .just_after import forces_of_elements
+from .just_after import accelerations_towards, forces_of_elements
 
 
 @eqx.filter_custom_jvp
@@ -47,10 +47,9 @@ def _delayed(
     turns = contacts.are(FRICTION) & (before.mode.direction * after.mode.direction < 0)
     passes = contacts.are(COMPLIANT) & (before.mode.closed != after.mode.closed)
     own, now = machine.in_mode(before), machine.in_mode(after)
-    pulls = own.contacts.accelerations(own.total_force(before), own.hold(before.held), before.phase)
     speed = sliding_velocity(machine, before)
     guard = jnp.where(turns, -speed, jnp.where(passes, before.gap, 0))
-    rate = jnp.where(turns, contacts.accelerated_towards(pulls, before.phase), speed)
+    rate = jnp.where(turns, accelerations_towards(own, before), speed)
     is_late = ~struck & (turns | passes) & (rate != 0)
     delay = jnp.where(is_late, guard, 0) / jax.lax.stop_gradient(jnp.where(is_late, rate, 1))
     normal = contacts.laws.normal

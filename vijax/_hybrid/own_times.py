@@ -40,7 +40,7 @@ def at_own_times(
     minus: Float[Array, "stops ..."],
     plus: Float[Array, "stops ..."],
 ) -> AfterImpacts:
-    """What is after impacts, with derivatives as if each had its own time.
+    """State, speeds of approach and impulses after impacts, with derivatives as if each had its own time.
 
     Args:
         machine: with stops of single masses.
@@ -164,8 +164,7 @@ def _contacts_at_own_times_jvp(primals, tangents):
         change + jnp.where(closed, 0, contacts.along(way)),
         minus_change + rise,
         plus_change - law * rise,
-        impulse_change
-        + (1 + law) * rise / jnp.where(alone, jnp.einsum("kk...->k...", contacts.compliance), 1),
+        impulse_change + (1 + law) * rise * contacts.effective_mass,
     )
 
 

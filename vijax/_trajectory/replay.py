@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow, Flight
+from .._hybrid.just_after import accelerations_towards
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
@@ -244,9 +245,7 @@ def _at_own_times(
     instant = _with(lambda i: i.delay, instant, delay)
     if instant.switched is None or COMPLIANT not in machine.contacts.laws.kinds:
         return instant
-    own = machine.in_mode(end)
-    pulls = own.contacts.accelerations(own.total_force(end), own.hold(end.held), end.phase)
-    gain = own.contacts.accelerated_towards(pulls, end.phase) * delay
+    gain = accelerations_towards(machine.in_mode(end), end) * delay
     gain = jnp.where(instant.switched.closed | instant.switched.opened, gain, 0)
     return eqx.tree_at(
         lambda i: (i.velocity_minus, i.velocity_plus),
