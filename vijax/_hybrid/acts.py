@@ -7,8 +7,9 @@ complementarity: K. G. Murty, Linear Algebra Appl. 7 (1974)).
 Such a set may let go more than it must, as what is in conflict lets go all at once. So whatever gives way in it is held once more, one
 element after the other, with pivots of all others.
 
-Of equally good sets that is taken to which pivots from the first set lead: what is beyond its bound lets go. So the order of the
-elements has a part only where these pivots lead back to it, as where each of two could slip alone, and both together would return.
+Of equally good sets that is taken to which pivots from the first set lead: what is beyond its bound lets go. Where these lead back
+to it, as where each of two could slip alone and both together would return, the set is taken whose forces stay furthest within
+their bounds. So the order of the elements has no part.
 """
 
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.xla import is_any
 
@@ -30,11 +31,19 @@ CONFLICT, STICKS, HOLDS = -10_000, 100, 1
 
 
 class Judged(NamedTuple):
-    """A set of acts: its score, not negative if it stands; the acts after a pivot; what it means."""
+    """A set of acts.
+
+    Attributes:
+        score: not negative if it stands.
+        proposed: the acts after a pivot.
+        found: what it means.
+        load: greatest ratio of a force to its bound, among elements that hold; None if no two sets have one score.
+    """
 
     score: Int[Array, "..."]
     proposed: Int[Array, "contacts ..."]
     found: Any
+    load: Float[Array, "..."] | None = None
 
 
 class _Trials(NamedTuple):
@@ -65,6 +74,7 @@ def search_acts(
     *,
     enumerated: int,
     has_two: Bool[Array, "contacts ..."] | None = None,
+    has_loads: bool = False,
 ) -> Judged:
     """Best set of acts 0, -1 and 1 of the elements.
 
@@ -76,6 +86,7 @@ def search_acts(
         nothing: what a set means, before any is judged.
         enumerated: number of elements up to which all sets are tried.
         has_two: flags of elements that have the acts 0 and -1 alone; none if left out.
+        has_loads: whether `judge` gives loads, which decide between sets of one score.
     """
     count = jnp.sum(elements, axis=0)
     # Of a machine with so few elements all sets are always tried: what is for more is left out of its program.
@@ -86,8 +97,15 @@ def search_acts(
         return is_any(~is_over if is_few else ~is_over & (is_listed | (carry.turn < _STARTS * _PIVOTS)))
 
     def turned(carry: _Search) -> _Search:
-        found = judge(carry.acts)
-        better = found.score > carry.best[0].score
+        found, best = judge(carry.acts), carry.best[0]
+        better = found.score > best.score
+        if found.load is not None:
+            # Pivots from the first set come before all others.
+            load = jnp.where(jnp.all(carry.start == first, axis=0), -jnp.inf, found.load)
+            found = found._replace(load=load)
+            # Symmetric sets have one load to rounding: the first one is taken.
+            less = load < best.load - float(jnp.finfo(load.dtype).eps) ** 0.5
+            better = better | ((found.score == best.score) & less)
         best = jax.tree.map(lambda a, b: jnp.where(better, a, b), (found, carry.acts), carry.best)
         turn = carry.turn + 1
         following, is_last = _next_set(elements, carry.start, has_two)
@@ -113,7 +131,7 @@ def search_acts(
 
     lowest = jnp.full_like(count, 2 * len(elements) * CONFLICT)
     none, nowhere = jnp.zeros_like(elements), jnp.zeros_like(count, bool)
-    begun = Judged(lowest, first, nothing), first
+    begun = Judged(lowest, first, nothing, jnp.full(count.shape, jnp.inf) if has_loads else None), first
     trials = None if is_few else _Trials(none, none, jnp.zeros_like(count))
     search = _Search(jnp.array(0), first, first, nowhere, begun, trials)
     return jax.lax.while_loop(goes_on, turned, search).best[0]

@@ -14,7 +14,7 @@ is not. So an element at its bound neither returns nor stays by rounding, and wh
 meant against the sizes of the terms, in any unit.
 
 Among the sets that stand, the one in which most friction sticks is taken, then most contacts hold: friction whose grip is
-above its force can have several; the motion of all others is unique. Rows that depend on others that hold are at rest
+above its force can have several; the motion of all others is unique. Of equal ones see `acts.py`. Rows that depend on others that hold are at rest
 with them, whatever their forces: these are not unique, and those of bounds (grip, preload, zero) with independent rows
 between are enough. So elements side by side, or around a loop, hold as long as some forces within their bounds do.
 
@@ -103,11 +103,17 @@ def decide(machine: Machine, state: State, at_rest: AtRest) -> Decision:
         nothing,
         enumerated=_ENUMERATED,
         has_two=machine.contacts.are(RIGID) if is_tied else None,
+        has_loads=_has_loads(machine),
     )
     if not is_tied:
         return best.found
     is_paradox = (best.score < 0) & jnp.any(elements, axis=0)
     return best.found._replace(is_paradox=is_paradox)
+
+
+def _has_loads(machine: Machine) -> bool:
+    """Whether two sets of acts may stand in which as much sticks: where one of several friction elements could slip."""
+    return machine.contacts.laws.kinds.count(FRICTION) > 1
 
 
 def _worth(machine: Machine) -> Array:
@@ -178,7 +184,13 @@ def _judged(
     worth = jnp.where(held | kept, _worth(machine), 0)
     score = jnp.sum(jnp.where(wrong, CONFLICT, worth), axis=0)
     jumps = jnp.abs(moves[0]) > move_errors[0]
-    return Judged(score, proposed, Decision(act, held, kept, depends & ~elements, jumps, begins))
+    decision = Decision(act, held, kept, depends & ~elements, jumps, begins)
+    load = None
+    if _has_loads(machine):
+        grip = laws.grip if grips is None else laws.grip + grips[0]
+        loads = jnp.where(held & friction & (grip > 0), jnp.abs(forces[0]) / jnp.where(grip > 0, grip, 1), 0)
+        load = jnp.max(loads, axis=0)
+    return Judged(score, proposed, decision, load)
 
 
 def _spring_rates(laws: Laws, are_springs: Array, moves: list[Array]) -> Array:
