@@ -9,7 +9,7 @@ element after the other, with pivots of all others.
 
 Of equally good sets that is taken to which pivots from the first set lead: what is beyond its bound lets go. Where these lead back
 to it, as where each of two could slip alone and both together would return, the set is taken whose forces stay furthest within
-their bounds. So the order of the elements has no part.
+their bounds: the order of the elements has no part. Of more elements than are listed it has, as their pivots and trials go by it.
 """
 
 from collections.abc import Callable

@@ -68,7 +68,8 @@ def first_state(
     size = speed + contacts.size(jnp.abs(v)) + usual_speeds(machine, state)
     at_rest = touching & is_touching(approach, 4 * size)
     state = eqx.tree_at(lambda s: s.v, state, contacts.with_zero_approach(v, at_rest, phase_rate))
-    leaving = touching & ~at_rest & (approach < 0)
+    moving = touching & ~at_rest
+    leaving = moving & (approach < 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     gap = jnp.where(touching, 0, state.gap)
     state = eqx.tree_at(lambda s: (s.gap, s.contact), state, (gap, contact))
@@ -78,11 +79,22 @@ def first_state(
     hold = contacts.hold(closed)
     forces, errors, *_ = just_after(machine, state, machine.total_force(state), hold)
     held = closed & (sign_just_after(forces, errors) >= 0)
-    contact = jnp.where(closed & ~held, jnp.int8(3), contact)
+    let_go = closed & ~held
+    contact = jnp.where(let_go, jnp.int8(3), contact)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
-    held, contact = _holding_after_release(machine, state, closed & ~held, held, contact)
+    held, contact = _holding_after_release(machine, state, let_go, held, contact)
+    contact = touching_in_impacts(contact, moving & ~leaving)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
     return moving_with(machine, state, *given)
+
+
+def touching_in_impacts(
+    contact: Int[Array, "stops ..."], hit: Bool[Array, "stops ..."]
+) -> Int[Array, "stops ..."]:
+    """`State.contact` at a start with impacts: contacts that forces pull apart from then on still touch in these."""
+    if len(contact) == 1:
+        return contact
+    return contact + ((contact == 2) & jnp.any(hit, axis=0))
 
 
 def resolve(
