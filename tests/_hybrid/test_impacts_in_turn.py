@@ -1,7 +1,8 @@
-"""A mass that is driven against a plastic stop from which a force pulls it: infinitely many impacts in turn at one instant."""
+"""Impacts in turn at one instant, infinitely many where a force pulls a mass off a plastic stop against which another drives it."""
 
 import numpy as np
 import pytest
+from contact_scenes import gaps_at, random_machine
 
 import vijax as vx
 
@@ -45,3 +46,12 @@ def test_both_masses_come_to_rest_at_the_stop_in_any_units(units, rubs):
     rate = FORCE / MASS.sum()
     np.testing.assert_allclose(sol.x1 / length, PLACE + rate * since**2 / 2, rtol=1e-11)
     np.testing.assert_allclose(sol.v1 * time / length, rate * since, rtol=1e-11)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [18, 56])
+def test_a_plastic_contact_that_was_just_left_is_met_again(seed):
+    """Two plastic contacts that share a mass are hit in turn, each after a flight shorter than the digits of time."""
+    system = random_machine(seed, 3, 4, has_full_mass=False)
+    sol = vx.simulate(system, 0.0, 20.0, max_events=1024)
+    assert gaps_at(sol, system, np.linspace(0.0, 20.0, 512)).min() > -1e-14

@@ -68,8 +68,7 @@ def first_state(
     size = speed + contacts.size(jnp.abs(v)) + usual_speeds(machine, state)
     at_rest = touching & is_touching(approach, 4 * size)
     state = eqx.tree_at(lambda s: s.v, state, contacts.with_zero_approach(v, at_rest, phase_rate))
-    moving = touching & ~at_rest
-    leaving = moving & (approach < 0)
+    leaving = touching & ~at_rest & (approach < 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     gap = jnp.where(touching, 0, state.gap)
     state = eqx.tree_at(lambda s: (s.gap, s.contact), state, (gap, contact))
@@ -83,18 +82,8 @@ def first_state(
     contact = jnp.where(let_go, jnp.int8(3), contact)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
     held, contact = _holding_after_release(machine, state, let_go, held, contact)
-    contact = touching_in_impacts(contact, moving & ~leaving)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
     return moving_with(machine, state, *given)
-
-
-def touching_in_impacts(
-    contact: Int[Array, "stops ..."], hit: Bool[Array, "stops ..."]
-) -> Int[Array, "stops ..."]:
-    """`State.contact` at a start with impacts: contacts that forces pull apart from then on still touch in these."""
-    if len(contact) == 1:
-        return contact
-    return contact + ((contact == 2) & jnp.any(hit, axis=0))
 
 
 def resolve(
@@ -185,12 +174,13 @@ def after_impulses(
     is_open = closed & (rest > 0)
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
     x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
-    # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap.
-    is_zero = state.gap == 0
+    # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap. One that was left at this
+    # instant may have a gap of rounding.
+    is_zero = (state.gap == 0) | (state.contact > 0)
     gap = contacts.gap_moved(state.gap, hit | closed | is_zero, x - state.x)
     # Other contacts with zero gap may open, or be hit at the same instant, as these impacts change velocities.
     approach, noise = contacts.speeds(v, machine.phase_rate(state.phase)), contacts.noise(v)
-    is_left = contacts.is_rigid & is_zero & ~hit & ~state.held & (state.contact < 3)
+    is_left = contacts.is_rigid & is_zero & ~(hit | state.held) & (state.contact < 3)
     contact = jnp.where(is_left, jnp.where(approach > noise, jnp.int8(0), jnp.int8(2)), state.contact)
     contact = jnp.where(hit | is_open | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
@@ -220,7 +210,7 @@ def _stick_and_release(
     )
     # Contacts at rest: held, at the end of their bounces, hit plastically, or released at this instant.
     is_plastic = hit & (instant.velocity_plus == 0)
-    at_rest = held | (is_jump & (completed | is_plastic | (~hit & ~let_go & (state.contact >= 2))))
+    at_rest = held | (is_jump & (completed | is_plastic | (~(hit | let_go) & (state.contact >= 2))))
     contact = jnp.where(let_go, jnp.int8(3), state.contact)
     now_held, contact = jax.lax.cond(
         is_any(is_jump),

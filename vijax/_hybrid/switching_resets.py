@@ -21,7 +21,7 @@ from .._machine.machine import Machine
 from .._machine.state import FROZEN, KEPT_CLOSED, SATURATED, UNLOADED, Mode, State
 from .._system.checks import is_touching
 from .compliant_limits import compliant_switched
-from .coupled_impacts import impact, touching_in_impacts, without_rounding
+from .coupled_impacts import impact, without_rounding
 from .decision import AtRest, Decision, decide, no_decision
 from .entries import logged
 from .friction_chatter import chatter_of, die_out, lightest_bounces, rest_at_limits
@@ -76,9 +76,6 @@ def first_state(
         state = unloaded(machine, state, presses)
         at_rest = at_rest & (contacts.at_normal(presses) | ~contacts.are_tied)
     state = _settled(machine, state, AtRest(at_rest, jnp.zeros_like(direction)))
-    if RIGID in contacts.laws.kinds:
-        hit = contacts.are(RIGID) & touching & (speeds > 0)
-        state = eqx.tree_at(lambda s: s.contact, state, touching_in_impacts(state.contact, hit))
     return state if sliders is None else sliders_settled(machine, state, sliders)
 
 
