@@ -91,8 +91,44 @@ def test_bodies_that_forces_part_from_the_start_on_are_hit_in_turn(force, grip):
     v = np.array([1.0, 0.0, 0.0])
     for pair in ([0, 1], [1, 2], [0, 1]):
         v[pair] = np.mean(v[pair]) + 0.25 * np.subtract(*v[pair]) * np.array([-1, 1])
-    np.testing.assert_allclose(sol.v1, v + [0, 0, (force - (grip or 0)) * t1], rtol=0, atol=_ROUNDING)
+    v[2] += (force - (grip or 0)) * t1
+    np.testing.assert_allclose(sol.v1, v, rtol=0, atol=_ROUNDING)
     assert np.asarray(sol.events.kind)[: int(sol.num_events)].tolist() == [vx.IMPACT] * 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", [1.0, 1 / 7, 7.3e4])
+def test_a_body_that_leans_without_a_force_leans_in_any_unit_of_mass(unit):
+    """Its contact force is a difference of forces that rounding leaves a rest of; an impact must still reach it."""
+    masses, e = np.array([2.0, 0.5, 1.0, 2.0]), [0.5, 0.0, 0.5]
+    load = vx.Harmonic(unit * np.array([0, 0.4, 0, 0]), 0.7, mean=unit * np.array([0, -0.1, 0.3, 0]))
+    stops = [vx.Contact({i: 1.0, i + 1: -1.0}, -1.0, e[i]) for i in range(3)]
+    friction = [vx.Friction(1, 0.25 * unit, 0.3 * unit), vx.Friction(2, 0.25 * unit, 0.375 * unit)]
+    damping = np.diag([0.0, 0.0, 0.1, 0.0]) * unit
+    system = vx.ImpactSystem(masses * unit, damping, 0 * damping, load, stops, friction=friction)
+    t1 = 0.5 + 1e-9
+    sol = vx.simulate(system, 0.0, t1, [0.0, 1.0, 2.0, 3.4], [0.0, 0.0, 0.0, -0.8])
+    rows = np.eye(3, 4) - np.eye(3, 4, k=1)
+    impulse = np.linalg.solve(rows / masses @ rows.T, [0.0, 0.0, 1.5 * 0.8])
+    assert (impulse > 0).all()
+    v = np.array([0.0, 0.0, 0.0, -0.8]) - rows.T @ impulse / masses
+    np.testing.assert_allclose(sol.v1, v, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_rounding_does_not_move_bodies_at_rest():
+    """The last body leans on one that sticks, without a force; an impact elsewhere decides anew what rests."""
+    row = lambda i, k=None: np.eye(4)[i] - (0 if k is None else np.eye(4)[k])  # noqa: E731
+    elements = [Rigid(row(i, i + 1), -1.0, (0.3, 0.3, 0.0)[i]) for i in range(3)]
+    elements += [Rubbing(row(1), 0.1, 0.1), Rubbing(row(2), 0.3, 0.3)]
+    damping, nothing = np.diag([0.0, 0.0, 0.1, 0.1]), np.zeros((4, 4))
+    mean, amplitude = np.array([0, 0, 0.1, 0]), np.array([-0.3, -0.3, 0, 0])
+    bodies = Bodies(np.array([1.0, 1, 1, 2]), damping, nothing, mean, amplitude, 1.0, elements)
+    x0, v0 = np.array([-0.4, 1, 2, 3]), np.array([0.8, 0, 0, 0])
+    x, v = Run(bodies, x0, v0).until(2.0)
+    sol = vx.simulate(_of(bodies), 0.0, 2.0, x0, v0)
+    np.testing.assert_allclose(sol.x1, x, rtol=0, atol=_NUMERICAL)
+    np.testing.assert_allclose(sol.v1, v, rtol=0, atol=_NUMERICAL)
 
 
 def _lets_go(static) -> vx.ImpactSystem:
