@@ -14,7 +14,7 @@ from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
 from .._orbits.sequence import elements_of_events
-from .._orbits.side_by_side import follower_flags, has_several_of_a_kind
+from .._orbits.side_by_side import follower_flags, may_have_pairs
 from .margin_scan import (
     OF_FORCE,
     Course,
@@ -92,9 +92,10 @@ def with_margins_at_events(problem: Problem, begins: Moment, found: LeastMargins
 def _of_leaders(machine: Machine, found: LeastMargins) -> LeastMargins:
     """The margins without those of elements that follow others, see `side_by_side.py`."""
     contacts = machine.contacts
-    if not contacts.is_switching or not has_several_of_a_kind(contacts.kinds):
+    if not may_have_pairs(contacts):
         return found
-    follows = jnp.tile(follower_flags(contacts), 2)
+    follows = follower_flags(contacts)
+    follows = jnp.tile(follows, 2) if contacts.is_switching else follows
     names = "gap", "force", "rise"
     return found._replace(**{name: jnp.where(follows, jnp.inf, getattr(found, name)) for name in names})
 

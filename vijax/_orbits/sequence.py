@@ -16,7 +16,7 @@ from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
 from .._machine.switching import SwitchingContacts
 from .._trajectory.event_log import Log, flags_by_kind
-from .side_by_side import SideBySide, as_their_sum, has_several_of_a_kind, side_by_side
+from .side_by_side import SideBySide, as_their_sum, may_have_pairs, side_by_side
 
 NOTHING = -1
 # Internal kind of an event that no log has: a mass leaves a compliant contact that pushed it no more.
@@ -160,7 +160,7 @@ def sequence_of(
     instants, (ended, before, after) = happened.transitions, _modes_at(happened)
     size, num_stops = instants.hit.shape
     is_row, kinds = (jnp.arange(size) < happened.count)[:, None], kinds_of(numbers)
-    laws, pairs = numbers.laws, side_by_side(numbers) if has_several_of_a_kind(kinds) else None
+    laws, pairs = numbers.laws, side_by_side(numbers) if may_have_pairs(numbers) else None
     if laws is not None and pairs is not None:
         ended, before, after = as_their_sum(laws, pairs, ended, before, after)
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)

@@ -3,6 +3,7 @@
 In the equations of cycles the first of several friction elements, or of compliant contacts that also open together, has the sum of
 their forces, and the others, its followers, have none: shared in another way by elements at rest, the same motion would be
 another sequence. A follower has no events and no margins; its mode is that of the first one, and at rest it is kept so.
+Of rigid contacts of one place and one restitution the first has all impacts, and carries the load.
 """
 
 from typing import NamedTuple
@@ -14,11 +15,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Reals
+from .._machine.contacts import Contacts
 from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
 from .._machine.laws import Laws
 from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, HELD, KEPT, rests_in
 from .._machine.switching import SwitchingContacts
+from .._system.restitution import ByContact, Restitution
 from .._system.waves import Waves
 
 
@@ -34,20 +37,26 @@ class SideBySide(NamedTuple):
     end: Float[Array, "elements elements"]
 
 
-def has_several_of_a_kind(kinds: tuple[int, ...]) -> bool:
-    """Whether elements whose forces switch may stand side by side."""
-    return max(map(kinds.count, (COMPLIANT, FRICTION, JENKINS))) > 1
+def may_have_pairs(elements: MachineNumbers | Contacts) -> bool:
+    """Whether elements may stand side by side: several of a kind, but for stops of single masses."""
+    kinds = _kinds_of(elements)
+    are_coupled = elements.signs is not None if isinstance(elements, MachineNumbers) else elements.is_coupled
+    return are_coupled and max(map(kinds.count, (RIGID, COMPLIANT, FRICTION, JENKINS))) > 1
 
 
-def side_by_side(numbers: MachineNumbers | SwitchingContacts) -> SideBySide:
+def _kinds_of(elements: MachineNumbers | Contacts) -> tuple[int, ...]:
+    laws = elements.laws if isinstance(elements, MachineNumbers | SwitchingContacts) else None
+    return (RIGID,) * len(elements.rows) if laws is None else laws.kinds
+
+
+def side_by_side(numbers: MachineNumbers | Contacts) -> SideBySide:
     """Elements side by side.
 
     To slip together, the largest stretches of Jenkins elements must be multiples too; to open together, the forces of compliant
     contacts.
     """
-    laws = numbers.laws
-    assert laws is not None
-    rows, kinds = jnp.asarray(numbers.rows), np.array(laws.kinds)
+    laws = numbers.laws if isinstance(numbers, MachineNumbers | SwitchingContacts) else None
+    rows, kinds = jnp.asarray(numbers.rows), np.array(_kinds_of(numbers))
     near = 4 * float(jnp.finfo(rows.dtype).eps)
     square = jnp.sum(rows * rows, axis=1)
     share = (rows @ rows.T) / jnp.where(square > 0, square, 1)[:, None]
@@ -57,26 +66,41 @@ def side_by_side(numbers: MachineNumbers | SwitchingContacts) -> SideBySide:
         own = jnp.asarray(of_elements)
         return jnp.abs(own[None] - share * own[:, None]) <= near * jnp.abs(own[None])
 
-    begin = np.triu((kinds[:, None] == kinds[None]) & (kinds[None] != RIGID), 1)
-    begin = begin & (away <= near * jnp.max(jnp.abs(rows), axis=1)[None]) & is_multiple(laws.velocity, share)
-    is_soft, end = (kinds == COMPLIANT)[None], begin
-    if COMPLIANT in laws.kinds:
+    begin = np.triu(kinds[:, None] == kinds[None], 1)
+    begin = begin & (away <= near * jnp.max(jnp.abs(rows), axis=1)[None])
+    if laws is not None:
+        begin = begin & is_multiple(laws.velocity, share)
+    are_contacts = (kinds == COMPLIANT) | (kinds == RIGID)
+    if sum(are_contacts) > 1:
         is_one_place = (share > 0) & is_multiple(numbers.limit, share)
         for motion in [row for wave in jax.tree.leaves(_walls_of(numbers)) for row in wave]:
             is_one_place = is_one_place & is_multiple(motion, share)
-        begin = begin & (is_one_place | ~is_soft)
+        begin = begin & (is_one_place | ~are_contacts[None])
+    if sum(kinds == RIGID) > 1:
+        begin = begin & (_have_one_law(numbers.restitution) | (kinds != RIGID)[None])
+    end = begin
+    if COMPLIANT in kinds:
+        assert laws is not None
         stiffness = jnp.asarray(laws.stiffness)
         ratio = stiffness[None] / jnp.where(stiffness > 0, stiffness, 1)[:, None]
         is_one_force = is_multiple(laws.damping, ratio) & is_multiple(laws.preload, ratio * share)
-        end = begin & (is_one_force | ~is_soft)
-    if laws.reach is not None:
+        end = begin & (is_one_force | (kinds != COMPLIANT)[None])
+    if laws is not None and laws.reach is not None:
         end = end & is_multiple(laws.reach, jnp.abs(share))
     return SideBySide(jnp.where(begin, share, 0), jnp.where(end, share, 0))
 
 
-def _walls_of(numbers: MachineNumbers | SwitchingContacts) -> Waves | None:
+def _have_one_law(restitution: Restitution) -> Bool[Array, "elements elements"] | bool:
+    """Flags of the pairs of contacts with equal numbers in their law; of several laws none counts as equal."""
+    if isinstance(restitution, ByContact):
+        return False
+    numbers = [jnp.asarray(law) for law in jax.tree.leaves(restitution)]
+    return jnp.all(jnp.stack([own[:, None] == own[None] for own in numbers]), axis=0)
+
+
+def _walls_of(numbers: MachineNumbers | Contacts) -> Waves | None:
     """Motions of the contacts along their rows; None if all stand still, or those of one mass move alike."""
-    if isinstance(numbers, SwitchingContacts):
+    if isinstance(numbers, Contacts):
         return numbers.walls
     return None if numbers.signs is None else numbers.travel
 
@@ -108,12 +132,15 @@ def summed(numbers: MachineNumbers) -> MachineNumbers:
     return eqx.tree_at(get, numbers, new, is_leaf=lambda leaf: leaf is None)
 
 
-def follower_flags(contacts: SwitchingContacts) -> Bool[Array, " elements"]:
-    """Flags of the elements whose forces `summed` gave to others."""
+def follower_flags(contacts: Contacts) -> Bool[Array, " elements"]:
+    """Flags of the elements whose forces `summed` gave to others, and of rigid contacts that follow others."""
+    follows = jnp.any(side_by_side(contacts).begin != 0, axis=0)
+    if not isinstance(contacts, SwitchingContacts):
+        return follows
     laws: Laws = contacts.laws
     forces = [laws.force, laws.grip, laws.preload, laws.stiffness, laws.damping, laws.coefficient]
     has_none = jnp.all(jnp.stack([jnp.asarray(own) == 0 for own in forces if own is not None]), axis=0)
-    return jnp.any(side_by_side(contacts).begin != 0, axis=0) & has_none
+    return follows & has_none
 
 
 def as_their_sum(
