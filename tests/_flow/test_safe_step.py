@@ -1,10 +1,15 @@
 """Steps that are proved free of events."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import vijax as vx
 from vijax._flow.safe_step import Bound, safe_step
+
+# Error of times of impacts in units of the least one: those of the steps of a half cycle add up.
+ROUNDING = 100
 
 
 def test_an_event_within_a_short_step_is_found_however_loose_the_bound_of_a_long_one():
@@ -33,3 +38,19 @@ def test_a_mass_whose_motion_has_died_out_far_from_its_stop_delays_no_other_one(
         sol = vx.simulate(system, 0.0, 160.0, [-5e-7, x], [5e-8, v])
         np.testing.assert_allclose(sol.x1[0], dead.x1[0], rtol=1e-12)
         assert sol.num_steps < 2 * dead.num_steps
+
+
+@pytest.mark.filterwarnings("ignore:vijax works in float32")
+@pytest.mark.parametrize("is_double", [True, False], ids=["double", "single"])
+def test_a_motion_that_dies_out_at_its_stop_comes_to_its_end(is_double):
+    """Every half cycle takes more than half of its speed, until the squares of what is left are zero, and then all of it."""
+    with jax.enable_x64(is_double):
+        stop = vx.Stop(0, 0.0, "lower", 0.5)
+        sol = vx.simulate(vx.ImpactSystem([1.0], [[0.1]], [[1.0]], stops=[stop]), 0.0, 3000.0, [0.0], [1.0])
+    information = np.finfo(sol.x1.dtype)
+    dead = float(information.tiny) ** 0.45
+    assert max(abs(sol.x1[0]), abs(sol.v1[0])) < dead
+    assert sol.num_steps < 5000
+    is_alive = np.asarray(sol.events.velocity_plus) > dead
+    exact = np.pi / np.sqrt(1 - 0.05**2) * (1 + np.arange(is_alive.sum()))
+    np.testing.assert_allclose(sol.events.t[is_alive], exact, rtol=ROUNDING * information.eps)
