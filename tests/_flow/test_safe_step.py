@@ -24,6 +24,27 @@ def test_an_event_within_a_short_step_is_found_however_loose_the_bound_of_a_long
     assert step < exact
 
 
+def test_an_event_after_which_the_bound_rises_again_within_a_short_step_is_found():
+    """The bound of a long trial says that there is none up to 1.5 times its root, which is less than the shortest step."""
+    gap, speed, bend, short = 5.482528e-13, -2.785119e-7, 0.0352574896, 4.3e-6
+    bound = Bound(*(jnp.asarray(a) for a in (gap, speed, bend, 0.0, 0.0058762)))
+    step, is_root = safe_step(bound, jnp.asarray(1.777), jnp.asarray(short))
+    assert is_root
+    np.testing.assert_allclose(step, np.roots([bend, speed, gap]).min(), rtol=1e-8)
+
+
+@pytest.mark.parametrize("depth", [1e-14, 1e-13])
+def test_an_impact_that_is_hardly_one_is_found_with_its_speed_wherever_the_motion_ends(depth):
+    """A free mass turns back behind its stop by `depth` of its amplitude; its speed there is that of its lost energy."""
+    system = vx.ImpactSystem([1.0], [[0.0]], [[2.0]], stops=[vx.Stop(0, -1.0, "lower", 0.0)])
+    start = 1.0 + depth
+    for end in np.linspace(2.3, 6.2, 20):
+        sol = vx.simulate(system, 0.0, end, [start], [0.0])
+        assert sol.num_events == 1
+        energy = sol.events.velocity_minus[0] ** 2 / 2
+        np.testing.assert_allclose(energy, (start - 1) * (start + 1), atol=10 * np.finfo(float).eps)
+
+
 def test_a_mass_whose_motion_has_died_out_far_from_its_stop_delays_no_other_one():
     """Its numbers are about the least that a double can hold, and their products are zero."""
     stops = [

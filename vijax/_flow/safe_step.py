@@ -109,11 +109,11 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
 
     first, _ = within(limit)
     # A bound that rises shows no event before its remainder takes the second coefficient away; one that falls first may pass
-    # zero closely, which the shorter trial shows. One that falls by its remainder alone shows no event either: a mass leaving
-    # with a jerk would seem to return.
-    rise = jnp.where(falls, 0, jnp.maximum(a2, 0))
+    # zero closely, which the shorter trial shows. That is no shorter than a step is taken unproved: else such a step could pass
+    # zero twice. One that falls by its remainder alone shows no event either: a mass leaving with a jerk would seem to return.
+    rise = jnp.maximum(a2, 0)
     least = rise / jnp.maximum(bound.rest + jnp.sqrt(bound.later * rise), tiny)
-    least = jnp.where(8 * bound.rest * short < -a2, short, least)
+    least = jnp.where(falls | (8 * bound.rest * short < -a2), short, least)
     # The second step is never shorter than the first: its bound is tighter.
     is_later = first > 0
     trial = jnp.where(is_later, jnp.minimum(limit, jnp.maximum(1.5 * first, least)), limit)
