@@ -85,7 +85,7 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     Args:
         bound: bound of an event function that is not negative now.
         limit: longest step allowed.
-        short: step so short that a bound which falls by its second coefficient is as good as the function; the second
+        short: step so short that a bound which falls by its first or second coefficient is as good as the function; the second
             trial is then no shorter.
 
     Returns:
