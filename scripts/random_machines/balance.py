@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 from .laws import marks_of
 from .loads import smooth_forces
 from .machines import coefficients, matrices, own_numbers
-from .runs import ROOM, SAVED, Failure, Run, run
+from .runs import SAVED, Failure, Run, run
 from .shapes import Shape
 
 # Times between events that are looked at in each motion.
@@ -75,9 +75,9 @@ def balance_faults(shape: Shape, a: dict, whole: Run, rng: np.random.Generator) 
 
 def _is_quiet(run: Run, lane: int, part: _Part) -> bool:
     """Whether no event lies in a time: saved times end steps, whose rounding a chaotic motion magnifies."""
-    log, is_full = run.t[lane][: run.num_events[lane]], run.num_events[lane] >= ROOM
-    begin, end = part.ts[[0, -1]]
-    is_known = np.isfinite(part.x).all() and not (is_full and end >= log[-1])
+    log, (begin, end) = run.t[lane][: run.num_events[lane]], part.ts[[0, -1]]
+    # States behind the end of a run that stopped early are those of its end.
+    is_known = np.isfinite(part.x).all() and end <= run.known[lane]
     return bool(is_known and begin < end and not ((log >= begin) & (log <= end)).any())
 
 

@@ -43,15 +43,27 @@ class Compared(NamedTuple):
     @property
     def is_fair(self) -> np.ndarray:
         """Whether a motion is compared: one that ends and does not magnify errors too much."""
-        return self.is_sound & (self.growth < MOST_GROWTH)
+        return self.is_sound & (self.growth < MOST_GROWTH) & ~self.is_narrow
+
+    @property
+    def is_narrow(self) -> np.ndarray:
+        """Whether a motion misses a stop by less than it may differ, so that a hit is as right, (lanes,).
+
+        The hit has a speed of the root of its depth: behind it the difference is the root of what it was. So an oscillator that
+        a plastic impact leaves with the amplitude of its gap touches its stop once a cycle, for all its numbers.
+        """
+        return self.whole.clearance < self.bound * _size(self.whole.xs)
+
+    @property
+    def bound(self) -> np.ndarray:
+        """Largest difference of states, relative to the size of the motion, (lanes,)."""
+        return (ROUNDING if self.shape.is_linear else OF_SERIES) * np.maximum(self.growth, 1)
 
     def faults(self, name: str, xs: np.ndarray, vs: np.ndarray, part: slice = slice(None)) -> list[Failure]:
         """Motions that differ from states computed in another way, at a part of the saved times."""
         error = self._away(xs, vs, part).max(axis=1)
-        rounding = ROUNDING if self.shape.is_linear else OF_SERIES
-        bound = rounding * np.maximum(self.growth, 1)
-        wrong = np.flatnonzero(self.is_fair & ~(error <= bound))
-        return [Failure(name, int(k), float(error[k] / bound[k])) for k in wrong]
+        wrong = np.flatnonzero(self.is_fair & ~(error <= self.bound))
+        return [Failure(name, int(k), float(error[k] / self.bound[k])) for k in wrong]
 
     def faults_of(
         self, name: str, other: Run, xs: np.ndarray, vs: np.ndarray, *, events: str = "all"
@@ -95,8 +107,13 @@ class Compared(NamedTuple):
         whole = self.whole
         places = np.abs(xs - whole.xs[:, part]).max(axis=2)
         speeds = np.abs(vs - whole.vs[:, part]).max(axis=2)
-        sizes = (np.abs(states).max(axis=(1, 2)) + 1e-3 for states in (whole.xs, whole.vs))
+        sizes = (_size(states) for states in (whole.xs, whole.vs))
         return np.maximum(*(far / size[:, None] for far, size in zip((places, speeds), sizes, strict=True)))
+
+
+def _size(states: np.ndarray) -> np.ndarray:
+    """Size of states of motions, (lanes,)."""
+    return np.abs(states).max(axis=(1, 2)) + 1e-3
 
 
 def _speeds(run: Run) -> np.ndarray:

@@ -24,6 +24,8 @@ SIDE = 3
 INSTANTS = SAVED // (2 * SIDE)
 # Distance of the saved times, in fastest time scales of the machine.
 NEAR = 1e-5
+# Rounding of velocities at an instant, from those beside it, relative to the fastest ones: 40 of the last digit.
+ROUNDING = 1e-14
 # Relative rounding of gaps and speeds that are zero. Slower impacts are those of rounding, which leave no speed.
 ZERO = 1e-8
 
@@ -130,8 +132,10 @@ def _lacks(shape: Shape, own: dict, run: Run, lane: int, impact: _Impact) -> dic
     _add_friction(shape, own, impact, unknown, numbers, total, is_single=is_single)
     sizes = np.abs(mass) @ (np.abs(impact.before) + np.abs(impact.after)) + np.abs(total) @ np.abs(rows)
     change = mass @ (impact.after - impact.before) + total @ rows
+    # Velocities are rounded as the fastest ones are, those of an impact at the end of a graze too.
+    rounding = ROUNDING * np.abs(mass) @ np.abs(run.vs[lane]).max(axis=0)
     lacks = {
-        "impulse": distance(change, unknown, OF_BALANCE * sizes),
+        "impulse": distance(change, unknown, OF_BALANCE * sizes + rounding),
         "restitution": max(_lack_of_law(hit, speed, sizes.max()) for hit in hits),
     }
     if is_single and not stays[hits[0].contact]:

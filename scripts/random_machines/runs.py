@@ -25,7 +25,13 @@ class Failure(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Results of a batch, (lanes, ...)."""
+    """Results of a batch, (lanes, ...).
+
+    Attributes:
+        known: time until which the states and the log are known.
+        clearance: smallest gap at which a mass turned back just before its stop.
+        others: as in `vx.Solution` and its log.
+    """
 
     ts: np.ndarray
     xs: np.ndarray
@@ -39,6 +45,8 @@ class Run(NamedTuple):
     result: np.ndarray
     stretches: np.ndarray
     impulse: np.ndarray
+    known: np.ndarray
+    clearance: np.ndarray
 
     def start_at(self, place: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities from which runs go on from a saved state, (lanes, masses and Jenkins elements)."""
@@ -91,7 +99,7 @@ def run(
         log = sol.events
         own_log = log.t, log.stop, log.kind, log.velocity_minus, log.velocity_plus
         of_run = sol.num_events, sol.result._value, stretches_of(sol, ts, system), log.impulse
-        found = ts, sol.xs, sol.vs, *own_log, *of_run
+        found = ts, sol.xs, sol.vs, *own_log, *of_run, sol.known_until, sol.grazing.clearance
         rows.append([np.asarray(a) for a in found])
     return (
         Run(*(np.stack(column) for column in zip(*rows, strict=True)))

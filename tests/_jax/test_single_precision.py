@@ -93,6 +93,12 @@ def test_it_is_also_refused_under_jit():
         jax.jit(lambda x: vx.periodic_orbit(system, x, [0.1]).x0)(np.array([-0.1], "float32"))
 
 
+def test_a_run_warns_of_nothing_but_its_lost_digits():
+    with jax.enable_x64(False):
+        sol = vx.simulate(made_in(32), 0.0, 3.0, [-0.1], [0.1])
+    assert sol.x1.dtype == np.float32
+
+
 @pytest.mark.slow
 def test_a_chart_without_orbits_needs_no_64_bits():
     with jax.enable_x64(False):

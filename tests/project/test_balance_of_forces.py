@@ -1,6 +1,7 @@
 """The check of the campaign that no decision of the library enters: allowed forces give the accelerations."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -56,3 +57,9 @@ def test_those_of_another_machine_have_none(machines, name, monkeypatch):
         "random_machines.balance.run", lambda shape, a, *rest, **named: run(shape, numbers, *rest, **named)
     )
     assert faults(numbers | {name: 1.02 * numbers[name]}, whole) > 0
+
+
+def test_states_behind_the_end_of_a_run_that_stopped_early_are_not_looked_at(machines, monkeypatch):
+    numbers, whole = machines
+    monkeypatch.setattr("random_machines.balance.run", partial(run, most_steps=40))
+    assert faults(numbers, whole) == 0

@@ -4,11 +4,15 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "scripts"))
 
 import campaign
+from random_machines.machines import draw_numbers
+from random_machines.motions import check_motions
+from random_machines.shapes import Shape
 
 
 # To follow branches of a machine too takes as long again.
@@ -32,6 +36,17 @@ def test_a_few_rows_of_bodies_in_touch_obey_all_checks():
     line = campaign.play(campaign.TOUCHING + 6, machines=12, most_masses=3)
     assert line["compared"] > 3
     assert line["failures"] == []
+
+
+@pytest.mark.slow
+def test_machines_that_touch_their_stop_once_a_cycle_obey_all_checks():
+    """Without damper, load and rebound, the first impact leaves an amplitude of the gap, for all numbers of the machine."""
+    shape, rng = Shape(masses=1, stops=((0, "lower"),), is_driven=False), np.random.default_rng(5)
+    numbers = draw_numbers(rng, shape, 24)
+    numbers["damping"][:18], numbers["restitution"][:18] = 0.0, 0.0
+    failures, compared = check_motions(shape, numbers, rng)
+    assert compared > 3
+    assert failures == []
 
 
 def test_what_is_done_is_not_played_again(tmp_path, monkeypatch, capsys):

@@ -72,8 +72,11 @@ def either(condition: Flag, a: _Bound, b: _Bound) -> _Bound:
 
 
 def lost_fall(dtype: jnp.dtype) -> float:
-    """Fall whose products underflow, so that its root is lost: a mass at rest far from its stop would seem to meet it."""
-    return float(jnp.finfo(dtype).tiny) ** 0.97
+    """Fall whose products underflow, so that its root is lost: a mass at rest before its stop would seem to meet it.
+
+    The changes of a speed by it within a short step underflow too, and such steps would never end.
+    """
+    return float(jnp.finfo(dtype).tiny / jnp.finfo(dtype).eps)
 
 
 def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]:
@@ -82,7 +85,7 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     Args:
         bound: bound of an event function that is not negative now.
         limit: longest step allowed.
-        short: step so short that a bound which falls by its second coefficient is as good as the function; the second
+        short: step so short that a bound which falls by its first or second coefficient is as good as the function; the second
             trial is then no shorter.
 
     Returns:
@@ -91,26 +94,29 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     a1, a2, twice_a0 = bound.a1, bound.a2, bound.a0 + bound.a0
     tiny = jnp.finfo(jnp.result_type(a1)).tiny
     no_fall, falls = lost_fall(jnp.result_type(a1)), a1 < 0
+    rises = ~falls
 
-    def within(trial: Scalar) -> tuple[Scalar, Flag, Scalar]:
-        """Root of the bound up to a trial, or the trial; whether it has none; and its slope at the root."""
+    def within(trial: Scalar) -> tuple[Scalar, Scalar]:
+        """Root of the bound up to a trial, or the trial; and its slope at the root."""
         fall = (bound.rest + bound.later * trial) * trial - a2
         twice = fall + fall
         under_root = a1 * a1 + twice * twice_a0
         root = jnp.sqrt(jnp.abs(under_root))  # not read where it is negative
         # Form of the root without cancellation; one division, as divisions are slow.
         over, under = jnp.where(falls, twice_a0, a1 + root), jnp.where(falls, root - a1, twice)
-        never = (under_root < 0) | (~falls & (fall <= no_fall))
-        return jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial)), never, root
+        never = (under_root < 0) | (rises & (fall <= no_fall))
+        return jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial)), root
 
-    first, *_ = within(limit)
+    first, _ = within(limit)
     # A bound that rises shows no event before its remainder takes the second coefficient away; one that falls first may pass
-    # zero closely, which the shorter trial shows. One that falls by its remainder alone shows no event either: a mass leaving
-    # with a jerk would seem to return.
-    rise = jnp.where(falls, 0, jnp.maximum(a2, 0))
+    # zero closely, which the shorter trial shows. That is no shorter than a step is taken unproved: else such a step could pass
+    # zero twice. One that falls by its remainder alone shows no event either: a mass leaving with a jerk would seem to return.
+    rise = jnp.maximum(a2, 0)
     least = rise / jnp.maximum(bound.rest + jnp.sqrt(bound.later * rise), tiny)
-    least = jnp.where(8 * bound.rest * short < -a2, short, least)
+    least = jnp.where(falls | (8 * bound.rest * short < -a2), short, least)
     # The second step is never shorter than the first: its bound is tighter.
-    trial = jnp.where(first > 0, jnp.minimum(limit, jnp.maximum(1.5 * first, least)), limit)
-    step, never, root = within(trial)
-    return step, ~never & (step < trial) & (root > 0)
+    is_later = first > 0
+    trial = jnp.where(is_later, jnp.minimum(limit, jnp.maximum(1.5 * first, least)), limit)
+    step, root = within(trial)
+    # One that falls from zero crosses it, even where the square of its slope underflows.
+    return step, (step < trial) & ((root > 0) | (falls & ~is_later))

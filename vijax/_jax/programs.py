@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.dtypes import canonicalize_dtype
 
 from .announcing import Stage, announce
 from .concrete import is_tracer
@@ -188,7 +189,11 @@ class Programs:
 
     def _lowered(self, key: _Key) -> tuple[Any, _Static]:
         """A program that is traced and lowered, and the tree of its results."""
-        parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
+        # As JAX takes integers of NumPy where 64-bit numbers are off: asked for as they are, it warns of them.
+        parts = [
+            [jax.ShapeDtypeStruct(shape, canonicalize_dtype(dtype)) for shape, dtype in part]
+            for part in (key.kept, key.donated)
+        ]
         with without_garbage_collection():
             lowered = self._plain.trace(key.static, *parts).lower()
         return lowered, self._results[key.static]

@@ -287,10 +287,11 @@ def is_touching(gap: Reals, size: Reals) -> Reals:
 def is_past(stop: Any, x: Any, angle: Any, travel: Any = 0.0) -> Any:
     """Test whether x lies beyond a stop, by more than rounding, at the phase `angle` of the load; lanes may be last.
 
-    `travel` is the size of displacements that led to x.
+    `travel` is the size of displacements that led to x. Those whose squares underflow give no scale: events of such motions are
+    not found to their last digit.
     """
     gap, size = stop.gap(x, angle), stop.reach(angle) + (0 if stop.slot else stop.size(x))
-    return (gap < 0) & ~is_touching(gap, size + travel)
+    return (gap < -(float(jnp.finfo(gap.dtype).tiny) ** 0.5)) & ~is_touching(gap, size + travel)
 
 
 def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str, travel: Any = 0.0) -> list[tuple[Any, str]]:
