@@ -1,4 +1,4 @@
-"""Rigid contacts of one place and one restitution are one limit, in orbits as in runs, and with friction in branches."""
+"""Rigid contacts of one place and one restitution are one limit, in orbits and branches as in runs."""
 
 import numpy as np
 import pytest
@@ -38,9 +38,10 @@ def test_orbits_are_those_of_one_contact(kind):
 
 
 @pytest.mark.slow
-def test_a_branch_with_friction_is_that_of_one_contact():
+@pytest.mark.parametrize("rubs", [False, True])
+def test_branches_are_those_of_one_contact(rubs):
     one, other = (
-        vx.continuation(orbit_of(machine(number, rubs=True)), "forcing.frequency", (0.5, 2.5))
+        vx.continuation(orbit_of(machine(number, rubs=rubs)), "forcing.frequency", (0.5, 2.5))
         for number in (1, 2)
     )
     assert other.ends == one.ends

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,7 @@ from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, FREE, HELD, INSIDE, KEPT, SPRING, STICKING
 from .._machine.switching import SwitchingContacts
 from .._trajectory.event_log import Log, flags_by_kind
-from .side_by_side import SideBySide, as_their_sum, may_have_pairs, side_by_side
+from .side_by_side import SideBySide, as_their_sum, may_have_pairs, of_first_contacts, side_by_side
 
 NOTHING = -1
 # Internal kind of an event that no log has: a mass leaves a compliant contact that pushed it no more.
@@ -157,10 +158,15 @@ def sequence_of(
     happened: Instants, t0: Scalar, period: Scalar, numbers: MachineNumbers
 ) -> tuple[Sequence, Float[Array, " events"]]:
     """The sequence of a trajectory of a machine, and the durations of its flights in forcing periods."""
+    kinds = kinds_of(numbers)
+    laws, pairs = numbers.laws, side_by_side(numbers) if may_have_pairs(numbers) else None
+    if pairs is not None and kinds.count(RIGID) > 1:
+        flags = lambda h: (h.held, h.transitions.hit, h.transitions.released)  # noqa: E731
+        merged = [of_first_contacts(pairs, kinds, own) for own in flags(happened)]
+        happened = eqx.tree_at(flags, happened, merged)
     instants, (ended, before, after) = happened.transitions, _modes_at(happened)
     size, num_stops = instants.hit.shape
-    is_row, kinds = (jnp.arange(size) < happened.count)[:, None], kinds_of(numbers)
-    laws, pairs = numbers.laws, side_by_side(numbers) if may_have_pairs(numbers) else None
+    is_row = (jnp.arange(size) < happened.count)[:, None]
     if laws is not None and pairs is not None:
         ended, before, after = as_their_sum(laws, pairs, ended, before, after)
     is_event, event_kinds = _events_at(instants, (ended, before, after), is_row)

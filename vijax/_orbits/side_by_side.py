@@ -110,7 +110,8 @@ def _shares_of_sums(laws: Laws, pairs: SideBySide) -> Float[Array, "elements ele
     kinds = np.array(laws.kinds)
     normal = np.array(laws.normal or [-1] * len(kinds))
     rubs = (kinds == FRICTION) & (normal[:, None] == normal[None])
-    shares = jnp.where(rubs, pairs.begin, jnp.where((kinds == COMPLIANT)[None], pairs.end, 0))
+    whole = rubs | (kinds == RIGID)[None]
+    shares = jnp.where(whole, pairs.begin, jnp.where((kinds == COMPLIANT)[None], pairs.end, 0))
     return jnp.where(jnp.any(shares != 0, axis=0)[:, None], 0, shares)
 
 
@@ -141,6 +142,15 @@ def follower_flags(contacts: Contacts) -> Bool[Array, " elements"]:
     forces = [laws.force, laws.grip, laws.preload, laws.stiffness, laws.damping, laws.coefficient]
     has_none = jnp.all(jnp.stack([jnp.asarray(own) == 0 for own in forces if own is not None]), axis=0)
     return follows & has_none
+
+
+def of_first_contacts(
+    pairs: SideBySide, kinds: tuple[int, ...], flags: Bool[Array, "rows elements"]
+) -> Bool[Array, "rows elements"]:
+    """Flags of elements at instants, those of rigid contacts side by side in the first of them: rounding decides which is hit."""
+    rigid = np.array(kinds) == RIGID
+    follows = (pairs.begin != 0) & rigid[:, None] & rigid[None]
+    return (flags | (flags @ follows.T)) & ~jnp.any(follows, axis=0)[None]
 
 
 def as_their_sum(
