@@ -10,7 +10,7 @@ import numpy as np
 from .._jax.packing import Layout, Packed, pack
 from .._machine.numbers import numbers_of
 from .._orbits.search import run_request
-from .._orbits.sequence import Instants, Sequence, kinds_of
+from .._orbits.sequence import Instants, Sequence
 from .._trajectory.instant_codes import instants_of
 from .._trajectory.loop import LoopArguments
 from .._trajectory.one_call import EVENTS, KnownMachine
@@ -84,7 +84,7 @@ def read_runs(
     """Motions of runs that are made, along the first axis."""
 
     def read(place: ExtendedCycle, begun: Begun, readings: RunReadings) -> SimulatedMotion:
-        kinds = kinds_of(numbers_of(family.system_at(place.p)))
+        kinds = numbers_of(family.system_at(place.p)).kinds
         instants = Instants(instants_of(readings.codes, readings.times, kinds), readings.held, readings.count)
         return read_motion(family, sequence, place, begun, instants, readings.is_successful)
 

@@ -18,6 +18,7 @@ from .._system.load import is_constant
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
 from .._system.waves import Tones, Waves
+from .kinds import RIGID
 from .laws import Laws, laws_of
 from .state import ModeLayout
 from .table_numbers import TableNumbers, tables_of
@@ -105,6 +106,11 @@ class MachineNumbers(eqx.Module):
     def is_switching(self) -> bool:
         """True if forces switch between linear laws, as `ImpactSystem.is_switching`."""
         return self.laws is not None
+
+    @property
+    def kinds(self) -> tuple[int, ...]:
+        """Kinds of the elements, (contacts,)."""
+        return (RIGID,) * self.rows.shape[-2] if self.laws is None else self.laws.kinds
 
     @property
     def num_stops(self) -> int:

@@ -23,7 +23,7 @@ from .orbit import ORBIT_RESULTS
 from .rigid_modes import closing_pin, drifts, free_drifts, free_shifts, num_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
 from .search_by_calls import search_by_calls
-from .sequence import kinds_of, num_erased, num_stops_of
+from .sequence import num_erased, num_stops_of
 
 
 class OrbitSolution(eqx.Module):
@@ -64,7 +64,7 @@ def search_to_end(strobe: StroboscopicMap, guess: Reals, machine: KnownMachine |
 def _search_in_one(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
     """A search to its end in one program, of a strobe whose flow is `compact`."""
     numbers = strobe.numbers
-    search = begin_search(guess, kinds_of(numbers), strobe.room)
+    search = begin_search(guess, numbers.kinds, strobe.room)
     follow = None
     if not strobe.flow.has_flow_map:
         follow = jax.jit(lambda z: strobe.run(z), inline=True)  # traced once

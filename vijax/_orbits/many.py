@@ -14,7 +14,7 @@ from .._jax.xla import jit_lightly
 from .find import search_to_end
 from .search import Search, StroboscopicMap, begin_search
 from .search_workers import SearchWorkers
-from .sequence import kinds_of, num_stops_of
+from .sequence import num_stops_of
 
 # `_LANES`: lanes of the one compiled program. A lane costs the same among 32 as among 128; fewer wait for the longest.
 # `_FEW`: room for events at first. Most cycles have fewer; the others are searched for again with room for all.
@@ -114,7 +114,7 @@ def _search(
 ) -> Search:
     """The finished searches of the lanes `which`."""
     numbers = strobe.numbers
-    begin = _begin(kinds_of(numbers), strobe.room)
+    begin = _begin(numbers.kinds, strobe.room)
     whole = jax.tree.map(np.array, begin(guesses[which]))
     leaves, structure = jax.tree.flatten(strobe)
 

@@ -18,7 +18,7 @@ from .._trajectory.instant_codes import instants_of
 from .._trajectory.one_call import EVENTS, CallProgress, Found, KnownMachine
 from .._trajectory.results import RESULTS
 from .search import FollowedMap, Search, StroboscopicMap, begin_search, run_request, search_step
-from .sequence import Instants, kinds_of
+from .sequence import Instants
 
 
 class _Seen(NamedTuple):
@@ -50,7 +50,7 @@ def search_by_calls(machine: KnownMachine, strobe: StroboscopicMap, guess: np.nd
     map_ = num_periods, phase = np.asarray(strobe.num_periods), np.asarray(strobe.phase)
     t0 = phase * period
     numbers, trial = strobe.numbers, np.asarray(guess)
-    search = _nothing(len(trial), kinds_of(numbers), strobe.room, trial.dtype)
+    search = _nothing(len(trial), numbers.kinds, strobe.room, trial.dtype)
     is_on = True
     while is_on:
         found = machine.follow(run_request(t0, t0 + num_periods * period, trial, strobe.room), None)
@@ -75,7 +75,7 @@ def step_of_search(
     before: Search = search.unpacked()
     progress: CallProgress = seen.left.unpacked()
     room = len(before.cycle.unknowns.flights)
-    kinds = kinds_of(numbers)
+    kinds = numbers.kinds
     first = begin_search(seen.start, kinds, room)
     now = jax.tree.map(lambda a, b: jnp.where(before.num_runs == 0, a, b), first, before)
     transitions = instants_of(seen.codes, seen.times, kinds)

@@ -102,11 +102,6 @@ def num_stops_of(numbers: MachineNumbers) -> int:
     return numbers.rows.shape[-2] - (0 if numbers.laws is None else int(numbers.laws.has_no_gap.sum()))
 
 
-def kinds_of(numbers: MachineNumbers) -> tuple[int, ...]:
-    """Kinds of the elements of a machine, (elements,)."""
-    return (RIGID,) * numbers.rows.shape[-2] if numbers.laws is None else numbers.laws.kinds
-
-
 def held_in(mode: Reals) -> Reals:
     """Flags of the stops that hold in a mode of `Sequence`."""
     return mode if mode.dtype == bool else (mode == HELD) | (mode == STICKING)
@@ -158,7 +153,7 @@ def sequence_of(
     happened: Instants, t0: Scalar, period: Scalar, numbers: MachineNumbers
 ) -> tuple[Sequence, Float[Array, " events"]]:
     """The sequence of a trajectory of a machine, and the durations of its flights in forcing periods."""
-    kinds = kinds_of(numbers)
+    kinds = numbers.kinds
     laws, pairs = numbers.laws, side_by_side(numbers) if may_have_pairs(numbers) else None
     if pairs is not None and kinds.count(RIGID) > 1:
         flags = lambda h: (h.held, h.transitions.hit, h.transitions.released)  # noqa: E731

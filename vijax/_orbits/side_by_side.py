@@ -39,14 +39,9 @@ class SideBySide(NamedTuple):
 
 def may_have_pairs(elements: MachineNumbers | Contacts) -> bool:
     """Whether elements may stand side by side: several of a kind, but for stops of single masses."""
-    kinds = _kinds_of(elements)
+    kinds = elements.kinds
     are_coupled = elements.signs is not None if isinstance(elements, MachineNumbers) else elements.is_coupled
     return are_coupled and max(map(kinds.count, (RIGID, COMPLIANT, FRICTION, JENKINS))) > 1
-
-
-def _kinds_of(elements: MachineNumbers | Contacts) -> tuple[int, ...]:
-    laws = elements.laws if isinstance(elements, MachineNumbers | SwitchingContacts) else None
-    return (RIGID,) * len(elements.rows) if laws is None else laws.kinds
 
 
 def side_by_side(numbers: MachineNumbers | Contacts) -> SideBySide:
@@ -56,7 +51,7 @@ def side_by_side(numbers: MachineNumbers | Contacts) -> SideBySide:
     contacts.
     """
     laws = numbers.laws if isinstance(numbers, MachineNumbers | SwitchingContacts) else None
-    rows, kinds = jnp.asarray(numbers.rows), np.array(_kinds_of(numbers))
+    rows, kinds = jnp.asarray(numbers.rows), np.array(numbers.kinds)
     near = 4 * float(jnp.finfo(rows.dtype).eps)
     square = jnp.sum(rows * rows, axis=1)
     share = (rows @ rows.T) / jnp.where(square > 0, square, 1)[:, None]
