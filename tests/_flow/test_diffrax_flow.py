@@ -257,6 +257,7 @@ def solved(t, x, v, args):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The force uses `sort`")
 def test_a_sweep_with_a_force_that_calls_libraries_is_carried_along_and_kept(tmp_path):
     plain = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
     frequencies = np.array([0.8, 0.9, 1.3])
