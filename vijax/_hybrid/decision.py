@@ -188,8 +188,8 @@ def _judged(
     load = None
     if _has_loads(machine):
         grip = laws.grip if grips is None else laws.grip + grips[0]
-        loads = jnp.where(held & friction & (grip > 0), jnp.abs(forces[0]) / jnp.where(grip > 0, grip, 1), 0)
-        load = jnp.max(loads, axis=0)
+        loads = jnp.abs(forces[0]) / jnp.where(grip > 0, grip, jnp.inf)
+        load = jnp.max(jnp.where(held & friction, loads, 0), axis=0)
     return Judged(score, proposed, decision, load)
 
 

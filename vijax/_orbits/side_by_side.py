@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Reals
 from .._machine.contacts import Contacts
-from .._machine.kinds import COMPLIANT, FRICTION, JENKINS, RIGID
+from .._machine.kinds import COMPLIANT, FRICTION, RIGID
 from .._machine.laws import Laws
 from .._machine.numbers import MachineNumbers
 from .._machine.state import AHEAD, BEHIND, HELD, KEPT, rests_in
@@ -39,9 +39,13 @@ class SideBySide(NamedTuple):
 
 def may_have_pairs(elements: MachineNumbers | Contacts) -> bool:
     """Whether elements may stand side by side: several of a kind, but for stops of single masses."""
-    kinds = elements.kinds
     are_coupled = elements.signs is not None if isinstance(elements, MachineNumbers) else elements.is_coupled
-    return are_coupled and max(map(kinds.count, (RIGID, COMPLIANT, FRICTION, JENKINS))) > 1
+    return are_coupled and has_several_of_a_kind(elements.kinds)
+
+
+def has_several_of_a_kind(kinds: tuple[int, ...]) -> bool:
+    """Whether there are several elements of a kind."""
+    return len(set(kinds)) < len(kinds)
 
 
 def side_by_side(numbers: MachineNumbers | Contacts) -> SideBySide:

@@ -13,10 +13,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._machine.kinds import RIGID
 from ..._machine.laws import contacts_of_elements, kinds_of_elements
 from ..._machine.numbers import numbers_of
 from ..._orbits.sequence import SECOND
-from ..._orbits.side_by_side import may_have_pairs, side_by_side
+from ..._orbits.side_by_side import has_several_of_a_kind, side_by_side
 from ..._system.system import machine_of
 from ..behind_event import corrected_on_sequence, step_off
 from ..kinds import Kind
@@ -80,8 +81,9 @@ def _point_behind(corner: Corner) -> Requests[BranchPoint | None]:
 
 def _elements(event: BranchPoint) -> Requests[Elements]:
     """The elements of the machine at a point."""
-    known, has_pairs = yield from ask(HostCall(_elements_of, event.sequence, of_make=True))
-    if not has_pairs:
+    known = yield from ask(HostCall(_elements_of, event.sequence, of_make=True))
+    # Of rigid contacts alone a follower is free in every mode.
+    if set(known.kinds) <= {RIGID} or not has_several_of_a_kind(known.kinds):
         return known
 
     def pairs(family: ParameterFamily) -> list[tuple[tuple[int, ...], ...]]:
@@ -93,14 +95,12 @@ def _elements(event: BranchPoint) -> Requests[Elements]:
     return known._replace(begin=begin, end=end)
 
 
-def _elements_of(family: ParameterFamily) -> tuple[Elements, bool]:
-    """The elements of a machine, none of them side by side, and whether some may be."""
+def _elements_of(family: ParameterFamily) -> Elements:
+    """The elements of a machine, as if none stood side by side."""
     system = machine_of(family.system)
     kinds = tuple(kinds_of_elements(system))
     none = ((0,) * len(kinds),) * len(kinds)
-    known = Elements(kinds, tuple(contacts_of_elements(system)), none, none)
-    # Of rigid contacts alone a follower is free in every mode.
-    return known, system.is_switching and may_have_pairs(numbers_of(system))
+    return Elements(kinds, tuple(contacts_of_elements(system)), none, none)
 
 
 def _acting(at: CornerInstant, elements: Elements) -> tuple[int, ...]:
