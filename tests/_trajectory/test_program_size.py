@@ -32,14 +32,14 @@ SLACK = 1.1
 # search for a periodic orbit with its result. Of contacts, nine lines find speeds that are rounding beside an impact, 43 those
 # that are rounding of what equal forces give to bodies in touch, and 15 that all speeds of an instant are rounding.
 OF_JAX_10 = {
-    "1 stop": (4017, 6442, 9598),
-    "2 stops": (5003, 9268, 11379),
-    "contact": (8345, 13163, 13505),
+    "1 stop": (3990, 6413, 9571),
+    "2 stops": (4976, 8904, 11352),
+    "contact": (8344, 12845, 13504),
 }
 OF_JAX_12 = {
-    "1 stop": (4108, 6566, 8645),
-    "2 stops": (5220, 9551, 10372),
-    "contact": (8565, 13500, 12578),
+    "1 stop": (4081, 6537, 8636),
+    "2 stops": (5193, 9187, 10363),
+    "contact": (8564, 13170, 12577),
 }
 RIGID = OF_JAX_10 if jax.__version_info__ < (0, 11) else OF_JAX_12
 

@@ -232,9 +232,10 @@ def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Fl
         products = matrix * vector[None]
         columns = [products[:, j] for j in range(n)]
         return add_up(columns) if 0 < n <= UNROLLED_ALONE else jnp.sum(products, axis=1)
+    entries = [vector[j] for j in range(n)]
     if m * n <= 16:
-        return stack([add_up([matrix[i, j] * vector[j] for j in range(n)]) for i in range(m)])
-    return add_up([matrix[:, j] * vector[j] for j in range(n)])
+        return stack([add_up([matrix[i, j] * entries[j] for j in range(n)]) for i in range(m)])
+    return add_up([matrix[:, j] * entries[j] for j in range(n)])
 
 
 def _large_matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
