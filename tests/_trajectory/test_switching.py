@@ -177,11 +177,6 @@ def test_a_mass_rests_on_a_preloaded_stop_until_its_load_leaves_the_range():
     assert abs(float(sol.events.t[0]) - np.arccos(-0.4)) < ROUNDING
 
 
-def test_what_is_for_rigid_contacts_alone_refuses_in_a_sentence():
-    with pytest.raises(ValueError, match="`saltation_matrix` is for machines with rigid contacts alone"):
-        vx.saltation_matrix(oscillator(0.05, 1.5, 0.6), 0.0, [0.0], [1.0], 0)
-
-
 LOAD = vx.Harmonic([0.5], 0.8)
 BAD = {
     "a negative force": (lambda: vx.Friction(0, -1.0), "`force` must be finite and not negative"),

@@ -7,7 +7,16 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._flow.interface import AbstractFlow
 from .._hybrid.law import rebound
-from .._jax.arrays import Count, Numbers, Reals, Scalar, as_float, in_full_precision, whole_number
+from .._jax.arrays import (
+    Count,
+    Numbers,
+    Reals,
+    Scalar,
+    array_namespace,
+    as_float,
+    in_full_precision,
+    whole_number,
+)
 from .._jax.concrete import concrete
 from .._jax.errors import checked, number_of_doubts
 from .._jax.nan_mask import known_or_nan
@@ -18,7 +27,7 @@ from .._machine.preparation import prepare
 from .._machine.state import State
 from .._system.checks import FINITE, check_number, check_shape, not_finite, refuse
 from .._system.periodicity import check_period
-from .._system.system import AnySystem, ImpactSystem, machine_of, refuse_switching, with_args
+from .._system.system import AnySystem, ImpactSystem, machine_of, with_args
 from .._trajectory.results import RESULTS, result_sentences
 from .._trajectory.simulate import Settings, simulate_with, warn_about_reverse_steps
 
@@ -181,11 +190,14 @@ def saltation_matrix(
     At a grazing impact, of speed 0, the entries in which the acceleration of the impacting mass enters are infinite.
     The other entries are their limits.
 
+    Of a machine whose forces switch it is the derivative of a run of no duration that begins with the impact, at which the
+    mass must approach a rigid stop: what is at rest there holds or slips as in any run.
+
     Args:
         system: the machine.
         t: time of the impact.
-        x: positions, (n,).
-        v: velocities before the impact, (n,).
+        x: positions, (n,), or those of all coordinates with Jenkins elements, as in `monodromy_matrix`.
+        v: velocities before the impact, likewise.
         stop: index of the stop that is hit.
         args: as for `simulate`.
         throw: raise if a traced number is not finite, or a traced `stop` does not exist; otherwise the matrix is NaN.
@@ -194,7 +206,8 @@ def saltation_matrix(
         The matrix for the state (x, v), (2 n, 2 n).
 
     Raises:
-        ValueError: if there is no such stop, or numbers are not finite.
+        ValueError: if there is no such stop, it is compliant, or numbers are not finite; if forces switch, also for a state
+            beyond another stop.
         RuntimeError: with `throw`, the same for traced arguments.
 
     Example:
@@ -208,11 +221,13 @@ def saltation_matrix(
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
     system = machine_of(system)
-    refuse_switching("saltation_matrix", system)
     impact = {"t": as_float(t), "x": as_float(x), "v": as_float(v)}
     bound = with_args(system, args)
-    doubts = refuse([wrong_stop(bound, stop), *not_finite(impact)])
-    matrix = differentiable(_saltation, (numbers_of(bound), *impact.values(), jnp.asarray(stop)))
+    doubts = refuse([wrong_stop(bound, stop), _compliant_stop(bound, stop), *not_finite(impact)])
+    if bound.is_switching:
+        matrix = _saltation_of_run(bound, *impact.values(), jnp.asarray(stop), throw=throw)
+    else:
+        matrix = differentiable(_saltation, (numbers_of(bound), *impact.values(), jnp.asarray(stop)))
     number, sentences = number_of_doubts(doubts)
     return checked(matrix, number, sentences) if throw else known_or_nan(number == 0, matrix)
 
@@ -222,6 +237,35 @@ def wrong_stop(system: ImpactSystem, stop: Count) -> tuple[Reals, str]:
     index: Reals = stop if concrete(stop) is None else np.asarray(whole_number("stop", stop))
     is_wrong, size = (index < 0) | (index >= len(system.stops)), len(system.stops)
     return is_wrong, f"Argument `stop` must be less than the number of stops, {size}, but is {stop}."
+
+
+def _compliant_stop(system: ImpactSystem, stop: Count) -> tuple[Reals, str]:
+    """Flag of a compliant stop, where nothing jumps, and the sentence of its error."""
+    are_compliant = np.array([one.is_compliant for one in system.stops], bool)
+    is_it = array_namespace(stop).any(are_compliant & (np.arange(len(are_compliant)) == stop))
+    return is_it, (
+        f"Argument `stop` must be the number of a rigid stop, but {stop} is compliant, and no velocity jumps there: "
+        "differentiate `vx.simulate` across it."
+    )
+
+
+def _saltation_of_run(
+    system: ImpactSystem, time: Scalar, x: Array, v: Array, stop: Array, *, throw: bool
+) -> Array:
+    """The derivative of a run of no duration that begins with an impact."""
+    x, v = system.start_of(x, v)
+    machine = prepare(numbers_of(system), jnp.ones_like(time), (time, x, v), can_stick=False)
+    is_hit = jnp.arange(machine.contacts.num) == stop
+    x = machine.contacts.with_closed_gaps(x, is_hit, machine.phase_at(time))
+    allowed = (RESULTS.max_events_reached,)  # nothing is logged
+    settings = Settings(0, None, allowed if throw else None)
+
+    def behind(y: Float[Array, " state"]) -> tuple[Array, RESULTS]:
+        sol = simulate_with(system, time, time, *jnp.split(y, 2), settings)
+        return jnp.concatenate([sol.x1, sol.v1]), sol.result
+
+    matrix, result = jax.jacfwd(behind, has_aux=True)(jnp.concatenate([x, v]))
+    return known_or_nan(result_sentences(result, allowed)[0] == 0, matrix)
 
 
 def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Array:

@@ -305,15 +305,6 @@ def machine_of(system: AnySystem) -> ImpactSystem:
     return machine
 
 
-def refuse_switching(who: str, system: ImpactSystem) -> None:
-    """Raise ValueError for a machine with friction or compliant stops, where only rigid contacts are supported."""
-    if system.is_switching:
-        raise ValueError(
-            f"`{who}` is for machines with rigid contacts alone, but this one has friction or compliant stops: follow it by "
-            "`vx.simulate`, and its orbits by `vx.periodic_orbit`, `vx.monodromy_matrix` and `vx.continuation`."
-        )
-
-
 def is_linear(system: ImpactSystem) -> bool:
     """True if all forces are linear between impacts: without a `force`, friction and compliant stops."""
     return system.force is None and not system.is_switching
