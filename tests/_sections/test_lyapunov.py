@@ -66,6 +66,35 @@ def test_what_sticks_forgets_two_directions_for_good(swept):
     assert (abs(exponents[:2] - rates) < 4 * error[:2]).all()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "stop", [vx.Stop(0, 0.0, "upper", 0.8), vx.Contact({0: 1.0}, 0.0, 0.8)], ids=["stop", "contact"]
+)
+def test_a_stick_while_the_motion_settles_leaves_no_trace(stop):
+    # At rest on the stop, and close to it with a chatter: the mass is pressed until its release, and never sticks again.
+    load = vx.Harmonic([1.0], 0.7)
+    system = vx.ImpactSystem([1.0], [[0.02]], [[1.0]], load, [stop])
+    free = vx.lyapunov_exponents(system, [-0.5], transient=300, num_periods=100, progress=False)
+    counts = {"transient": 300, "record": 100, "progress": False}
+    for start in ([0.0], [-1e-4]):
+        found = vx.lyapunov_exponents(system, start, transient=300, num_periods=100, progress=False)
+        np.testing.assert_allclose(found, free, atol=1e-6)
+        swept = vx.sweep(system, {FREQUENCY: [0.7]}, x0=start, lyapunov=True, **counts)
+        np.testing.assert_allclose(swept.lyapunov_exponents[0], free, atol=1e-6)
+
+
+def test_erased_vectors_are_replaced_by_perpendicular_ones():
+    rng = np.random.default_rng(0)
+    whole = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    for erased in ([], [0], [1, 4], [0, 2, 5], list(range(6))):
+        frame = whole.copy()
+        frame[erased] = 0
+        found = np.asarray(completed(jnp.asarray(frame)))
+        np.testing.assert_allclose(found @ found.T, np.eye(6), atol=1e-14)
+        kept = [k for k in range(6) if k not in erased]
+        assert (found[kept] == whole[kept]).all()
+
+
 @pytest.mark.thorough
 def test_chaos_grows_and_a_cycle_does_not(swept):
     largest = swept.lyapunov_exponents[:, 0].values
