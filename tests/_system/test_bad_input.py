@@ -30,6 +30,12 @@ BAD_MACHINES = {
         ),
         "Contacts 0 and 1 act against each other and leave no room between them",
     ),
+    "contact and lower stop without room": (
+        lambda: vx.ImpactSystem(
+            [1.0], [[0.0]], [[1.0]], None, [vx.Contact({0: 1.0}, -0.1), vx.Stop(0, 0.1, "lower")]
+        ),
+        "Contacts 0 and 1 act against each other and leave no room between them",
+    ),
     "mass of two axes": (
         lambda: vx.ImpactSystem(np.ones((2, 1)), EYE, EYE, LOAD),
         "Argument `mass` must have shape (n,) or (n, n), but has shape (2, 1).",

@@ -107,6 +107,30 @@ def test_elements_far_away_change_no_derivative(extra):
     np.testing.assert_allclose(more, plain, rtol=1e-11, atol=1e-11)
 
 
+# The stop of each mass once more, or one behind it in all but its row.
+AGAIN = [vx.Contact({i: 1.0}, 1.0, 0.6) for i in (0, 1)]
+SOFTER = [vx.Contact({i: 2.0}, 2.0, 0.3) for i in (1, 0)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "extra", [AGAIN, SOFTER, [*AGAIN, *SOFTER], AGAIN[1:]], ids=["twice", "softer", "three", "one of them"]
+)
+def test_a_stop_described_twice_is_hit_once(extra):
+    damping = [[0.3, -0.1], [-0.1, 0.3]]
+    plain, more = (np.asarray(jax.jacfwd(end(twins(1.0, damping, extra=e)))(START)) for e in ((), extra))
+    np.testing.assert_allclose(more, plain, rtol=1e-11, atol=1e-11)
+    one, both = (
+        np.asarray(jax.jacfwd(first_impacts(twins(0.0, np.diag([0.1, 0.1]), extra=e), count))(START))
+        for e, count in (((FAR,), 2), (extra, 2 + len(extra)))
+    )
+    own = [0, 1, *[0 if i.masses == (0,) else 1 for i in extra]]
+    rows = [1.0, 1.0, *[float(i.row[0]) for i in extra]]
+    for quantity, factor in ((0, np.ones(len(rows))), (1, rows), (2, rows)):
+        for k, (mass, f) in enumerate(zip(own, factor, strict=True)):
+            np.testing.assert_allclose(both[quantity, k], f * one[quantity, mass], rtol=1e-9, atol=1e-11)
+
+
 @pytest.mark.slow
 def test_a_force_has_the_derivatives_of_the_same_springs():
     springs = twins(1.0, np.diag([0.1, 0.1]))

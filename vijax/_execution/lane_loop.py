@@ -244,7 +244,8 @@ def _recorded(
         point=task.point,
         number=number,
     )
-    kept = None if tangents is None else tangents.start_period(instant.arrived)
+    settles = lanes.marks < work.transient
+    kept = None if tangents is None else tangents.start_period(instant.arrived, settles)
     observed = lanes.observed
     if observed:
         observed = observe(observed, task.flow, machine, state, instant.time, counted)

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import matvec
+from .._machine.contacts import Contacts
 from .._machine.kinds import JENKINS
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -149,22 +150,27 @@ def _contacts_at_own_times_jvp(primals, tangents):
     near = (contacts.compliance != 0) & ~jnp.eye(contacts.num, dtype=bool).reshape(
         contacts.num, contacts.num, *[1] * (gap.ndim - 1)
     )
-    alone = hit & ~jnp.any(near & (hit | closed)[None], axis=1)
+    law = _slope_of_law(machine, speed)
+    share = _shares_of_one_impact(contacts, hit, speed)
+    follows = jnp.any(share != 0, axis=0)
+    apart = near & (share == 0) & (jnp.swapaxes(share, 0, 1) == 0)
+    alone = hit & ~follows & ~jnp.any(apart & (hit | closed)[None], axis=1)
     delay = jnp.where(alone, gap_change / jnp.where(alone, speed, 1), 0)
     # Changes of the velocities for which the speed of approach to a contact grows by 1.
     unit = contacts.unit_changes()
-    law = _slope_of_law(machine, speed)
     slopes, rises = _slopes(machine, before, unit, jnp.where(alone, plus - speed, 0), law, alone)
     way = jnp.sum(unit * (plus * delay)[:, None], axis=0)
     gain = jnp.sum(slopes * delay[:, None], axis=0)
     rise = jnp.sum(rises * delay[:, None], axis=0)
+    borne, rebound = (1 + law) * rise * contacts.effective_mass, -law * rise
+    rise, rebound = (a + jnp.sum(share * a[:, None], axis=0) for a in (rise, rebound))
     return found, (
         x_change - way,
         v_change + gain,
         change + jnp.where(closed, 0, contacts.along(way)),
         minus_change + rise,
-        plus_change - law * rise,
-        impulse_change + (1 + law) * rise * contacts.effective_mass,
+        plus_change + rebound,
+        impulse_change + borne,
     )
 
 
@@ -194,6 +200,27 @@ def _changes(found: tuple[Array, ...], tangents: Sequence) -> tuple[list[Array],
     given = tangents[-len(found) :]
     changes = [jnp.zeros_like(a) if t is None else t for a, t in zip(found, given, strict=True)]
     return changes, None if before is None else before.gap
+
+
+def _shares_of_one_impact(
+    contacts: Contacts, hit: Bool[Array, "stops ..."], speed: Array
+) -> Float[Array, "stops stops ..."]:
+    """Speeds of the contacts hit per speed of one of the same row and place, in the row of that, which is the one that rebounds most.
+
+    A stop that is there twice is hit once: at the time of that one. Zero for all others.
+    """
+    own = jnp.sqrt(contacts.effective_mass)
+    cosine = contacts.compliance * own[:, None] * own[None]
+    is_one = hit[:, None] & hit[None] & (jnp.abs(cosine - 1) <= 64 * float(jnp.finfo(speed.dtype).eps))
+    is_one = is_one & jnp.isclose((speed * own)[:, None], (speed * own)[None], rtol=1e-9, atol=0)
+    rebound = jnp.where(hit, -contacts.restitution_at(speed), 0)
+    number = jnp.arange(contacts.num).reshape(-1, *[1] * (speed.ndim - 1))
+    is_first = (rebound[:, None] < rebound[None]) | (
+        (rebound[:, None] == rebound[None]) & (number[:, None] < number[None])
+    )
+    leads = is_one & is_first
+    leads = leads & ~jnp.any(leads, axis=0)[:, None]
+    return jnp.where(leads, own[:, None] / own[None], 0)
 
 
 def _slope_of_law(machine: Machine, speed: Array) -> Array:

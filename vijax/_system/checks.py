@@ -165,7 +165,7 @@ def check_room(stops: Sequence[Any]) -> None:
         places = concrete(one.centre), concrete(other.centre)
         if share is None or any(place is None for place in places):
             continue
-        if not (places[0] + share * places[1] > 0).all():
+        if not (one.sign * places[0] + share * other.sign * places[1] > 0).all():
             raise ValueError(
                 f"Contacts {i} and {j} act against each other and leave no room between them: join the masses, or move one of the "
                 "contacts away."

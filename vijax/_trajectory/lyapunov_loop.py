@@ -89,7 +89,7 @@ class _Task(AbstractTask):
         finite = is_finite(after)
         moved = (
             self.machine.start_period(after, self.phase0, instant.arrived),
-            tangents.start_period(instant.arrived),
+            tangents.start_period(instant.arrived, number < 0),
         )
         state, kept = jax.tree.map(lambda new, old: jnp.where(live, new, old), moved, (state, carry.tangents))
         return Growth(

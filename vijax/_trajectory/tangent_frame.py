@@ -4,7 +4,8 @@ A frame of vectors is carried from step to step by the derivative of the step, t
 orthonormalised after each step (Benettin et al. 1980): the logarithms of the lengths are the growth. A step lasts at
 most a few times the shortest time scale of the machine, so no vector is lost in the rounding of another, however fast
 it decays. Where a mass comes to rest on a stop, position and velocity no longer depend on their past: two directions
-are erased; an impact without restitution erases one. Vectors in an erased direction become and stay zero.
+are erased; an impact without restitution erases one. Vectors in an erased direction become and stay zero while growth is
+counted. What a transient erases says nothing of the motion behind it, so there other vectors take their places.
 """
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from .._flow.interface import AbstractFlow, Flight
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar, add_up
-from .._jax.xla import compute_once
+from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -34,9 +35,15 @@ class Tangents(eqx.Module):
     frame: Float[Array, "vectors state ..."]
     growth: Float[Array, "vectors ..."]
 
-    def start_period(self, is_over: Bool[Array, "..."]) -> "Tangents":
-        """Reset the growth where a forcing period is over."""
-        return Tangents(self.frame, jnp.where(is_over, 0, self.growth))
+    def start_period(self, is_over: Bool[Array, "..."], settles: Bool[Array, "..."]) -> "Tangents":
+        """Reset the growth where a forcing period is over; where the motion `settles`, replace erased vectors then."""
+        is_asked = is_over & settles & jnp.any(_are_erased(self.frame), axis=0)
+        frame = jax.lax.cond(
+            is_any(is_asked),
+            lambda: jnp.where(is_asked, compute_once(completed, self.frame), self.frame),
+            lambda: self.frame,
+        )
+        return Tangents(frame, jnp.where(is_over, 0, self.growth))
 
 
 def advance_with(
@@ -114,6 +121,26 @@ def orthonormal(
         vectors.append(unit)
         growth.append(grown)
     return jnp.stack(vectors), jnp.stack(growth)
+
+
+def completed(frame: Float[Array, "vectors state ..."]) -> Float[Array, "vectors state ..."]:
+    """Orthonormal vectors, of which unit vectors perpendicular to all others take the places of those erased."""
+    number = jnp.arange(len(frame)).reshape(-1, *[1] * (frame.ndim - 2))
+
+    def with_next(frame: Array, place: Array) -> tuple[Array, None]:
+        # The coordinate of which the others have least.
+        is_first = number == jnp.argmin(add_up(frame * frame), axis=0)
+        along = add_up(jnp.swapaxes(frame, 0, 1) * is_first[:, None])
+        unit = is_first - add_up(frame * along[:, None])
+        unit = unit * jax.lax.rsqrt(add_up(unit * unit))
+        is_new = (number == place) & _are_erased(frame)
+        return jnp.where(is_new[:, None], unit[None], frame), None
+
+    return jax.lax.scan(with_next, frame, jnp.arange(len(frame)))[0]
+
+
+def _are_erased(frame: Float[Array, "vectors state ..."]) -> Bool[Array, "vectors ..."]:
+    return jnp.all(frame == 0, axis=1)
 
 
 def _next_unit(
