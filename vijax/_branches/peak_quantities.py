@@ -20,7 +20,6 @@ _TERMS: dict[str, tuple[bool, tuple[tuple[int, float], ...]]] = {
     "max_velocity": (True, ((_LARGEST, 1.0),)),
     "min_velocity": (True, ((_SMALLEST, 1.0),)),
 }
-PEAK_QUANTITIES = tuple(_TERMS)
 
 
 class PeakQuantity(NamedTuple):
