@@ -221,13 +221,15 @@ def saltation_matrix(
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
     system = machine_of(system)
-    impact = {"t": as_float(t), "x": as_float(x), "v": as_float(v)}
-    bound = with_args(system, args)
-    doubts = refuse([wrong_stop(bound, stop), _compliant_stop(bound, stop), *not_finite(impact)])
+    time, position, velocity = as_float(t), as_float(x), as_float(v)
+    bound, number_of_stop = with_args(system, args), jnp.asarray(stop)
+    impact = not_finite({"t": time, "x": position, "v": velocity})
+    doubts = refuse([wrong_stop(bound, stop), _compliant_stop(bound, stop), *impact])
     if bound.is_switching:
-        matrix = _saltation_of_run(bound, *impact.values(), jnp.asarray(stop), throw=throw)
+        matrix = _saltation_of_run(bound, time, position, velocity, number_of_stop, throw=throw)
     else:
-        matrix = differentiable(_saltation, (numbers_of(bound), *impact.values(), jnp.asarray(stop)))
+        given = numbers_of(bound), time, position, velocity, number_of_stop
+        matrix = differentiable(_saltation, given)
     number, sentences = number_of_doubts(doubts)
     return checked(matrix, number, sentences) if throw else known_or_nan(number == 0, matrix)
 
@@ -261,7 +263,8 @@ def _saltation_of_run(
     settings = Settings(0, None, allowed if throw else None)
 
     def behind(y: Float[Array, " state"]) -> tuple[Array, RESULTS]:
-        sol = simulate_with(system, time, time, *jnp.split(y, 2), settings)
+        x0, v0 = jnp.split(y, 2)
+        sol = simulate_with(system, time, time, x0, v0, settings)
         return jnp.concatenate([sol.x1, sol.v1]), sol.result
 
     matrix, result = jax.jacfwd(behind, has_aux=True)(jnp.concatenate([x, v]))
