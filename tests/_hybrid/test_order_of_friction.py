@@ -5,6 +5,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import vijax as vx
 
@@ -47,6 +48,7 @@ def drawn() -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.thorough
 def test_stacked_blocks_slip_alike_with_their_friction_listed_in_reverse():
     numbers = drawn()
     given, other = (run(numbers, order) for order in (range(NUM_BLOCKS), range(NUM_BLOCKS - 1, -1, -1)))
