@@ -86,16 +86,15 @@ def with_margins_at_events(problem: Problem, begins: Moment, found: LeastMargins
         excess = excess_of_torn(problem.sequence, begins, guards_of(problem))
         rise, flight = with_torn(excess, found.rise, found.rise_flight)
         found = found._replace(rise=rise, rise_flight=flight)
-    return _of_leaders(problem.machine, found)
+    return _of_leaders(problem, found)
 
 
-def _of_leaders(machine: Machine, found: LeastMargins) -> LeastMargins:
+def _of_leaders(problem: Problem, found: LeastMargins) -> LeastMargins:
     """The margins without those of elements that follow others, see `side_by_side.py`."""
-    contacts = machine.contacts
+    contacts = problem.machine.contacts
     if not may_have_pairs(contacts):
         return found
-    follows = follower_flags(contacts)
-    follows = jnp.tile(follows, 2) if contacts.is_switching else follows
+    follows = problem.sequence.for_guards(follower_flags(contacts))
     names = "gap", "force", "rise"
     return found._replace(**{name: jnp.where(follows, jnp.inf, getattr(found, name)) for name in names})
 

@@ -55,8 +55,8 @@ def lyapunov_exponents(
     A motion with a positive exponent is chaotic. On a periodic orbit the exponents are ln |mu| / (n T) of its
     multipliers. Impacts, chatter and release enter by the derivative of each step, exact to rounding. When a stop
     begins to hold a mass, two directions are lost, and by an impact with r = 0 one: their exponents are minus
-    infinity, unless this was in the transient. Without either, the sum of the exponents of any motion is the rate of change of volume, -tr(M^-1 C) + sum
-    over impacts of 2 ln r, per unit of time.
+    infinity, unless this was in the transient. Without either, the sum of the exponents of any motion is the rate of
+    change of volume, -tr(M^-1 C) + sum over impacts of 2 ln r, per unit of time.
 
     Works under `jax.jit` and `jax.vmap`; for many machines `vx.sweep(..., lyapunov=True)` is faster.
 
