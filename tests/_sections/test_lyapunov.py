@@ -197,6 +197,31 @@ def test_what_loses_nothing_keeps_volume_and_what_loses_all_forgets(restitution)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("stop", [vx.Stop(0, 0.0, "upper", 0.7), vx.Contact({0: 1.0}, 0.0, 0.7)])
+@pytest.mark.parametrize("friction", [(), [vx.Friction(0, 0.05)]])
+def test_what_is_pressed_to_a_stop_from_the_start_has_no_directions_of_its_own(stop, friction):
+    """The first mass stays on its stop; the exponents of the second are those of its own oscillation."""
+    load = vx.Harmonic([0.0, 0.1], 1.0, mean=[3.0, 0.0])
+    damping, stiffness = [[0.1, 0.0], [0.0, 0.2]], [[2.0, -1.0], [-1.0, 2.0]]
+    system = vx.ImpactSystem([1.0, 2.0], damping, stiffness, load, [stop], friction=friction)
+    for transient in (0, 5):
+        found = vx.lyapunov_exponents(system, transient=transient, num_periods=20, progress=False)
+        assert np.isneginf(found[2:]).all()
+        assert float(found[0] + found[1]) == pytest.approx(-0.2 / 2, rel=1e-10)
+    ds = vx.sweep(system, {FREQUENCY: [0.9, 1.0]}, transient=0, record=20, lyapunov=True, progress=False)
+    assert np.isneginf(ds.lyapunov_exponents.values[:, 2:]).all()
+    np.testing.assert_allclose(ds.lyapunov_exponents[:, :2].sum("exponent"), -0.1, rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_friction_that_sticks_from_the_start_holds_any_position_but_no_velocity():
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.1], 1.0), friction=[vx.Friction(0, 5.0)])
+    for transient in (0, 5):
+        found = vx.lyapunov_exponents(system, transient=transient, num_periods=20, progress=False)
+        np.testing.assert_array_equal(found, [0, -np.inf])
+
+
+@pytest.mark.slow
 def test_it_is_compiled_and_batched_like_any_function(swept):
     def of(frequency):
         system = vx.models.wagg_bishop_b(frequency)

@@ -245,7 +245,7 @@ def _recorded(
         number=number,
     )
     settles = lanes.marks < work.transient
-    kept = None if tangents is None else tangents.start_period(instant.arrived, settles)
+    kept = None if tangents is None else tangents.start_period(machine, after, instant.arrived, settles)
     observed = lanes.observed
     if observed:
         observed = observe(observed, task.flow, machine, state, instant.time, counted)

@@ -169,7 +169,8 @@ def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: Execution
     marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype, has_growth=has_tangents)
     lanes = nothing(num_lanes)
     if has_tangents:
-        lanes = _with_tangents(lanes, first_tangents(lanes.state.x))
+        frame = jnp.zeros((2 * n, 2 * n, num_lanes), dtype)
+        lanes = _with_tangents(lanes, Tangents(frame, frame[0]))
     whole = jnp.zeros((), int)
     point = jnp.zeros(num_lanes, int)
     return Queue(Progress(lanes, impacts, marks, whole), point, point.astype(bool), nothing(width), whole)
@@ -302,14 +303,15 @@ def _started(points: Points, task: LaneTask, queue: Queue) -> EndStates:
     has_before = task.point >= task.work.num_chains
     x, v = (jnp.where(has_before, a, own) for a, own in zip(carried, starts, strict=True))
     phase = jnp.broadcast_to(task.phase0, before.phase.shape)
+    first = initial_state(task.flow, task.machine, phase, x, v)
     fresh = EndStates(
-        state=initial_state(task.flow, task.machine, phase, x, v),
+        state=first,
         num_impacts=jnp.zeros_like(lanes.num_impacts),
         num_sticks=jnp.zeros_like(lanes.num_sticks),
         held_time=jnp.zeros_like(lanes.held_time),
         steps=jnp.zeros_like(lanes.steps),
         is_finite=jnp.ones_like(lanes.is_finite),
-        tangents=None if lanes.tangents is None else first_tangents(lanes.state.x),
+        tangents=None if lanes.tangents is None else first_tangents(task.machine, first),
         observed=nothing_observed(
             tuple(lanes.observed),
             lanes.state,

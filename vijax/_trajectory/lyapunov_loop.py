@@ -87,10 +87,8 @@ class _Task(AbstractTask):
         is_counted = live & instant.arrived & (number >= 0)
         is_ours = is_counted & (jnp.arange(BLOCKS) == number * BLOCKS // jnp.maximum(self.num_periods, 1))
         finite = is_finite(after)
-        moved = (
-            self.machine.start_period(after, self.phase0, instant.arrived),
-            tangents.start_period(instant.arrived, number < 0),
-        )
+        onward = machine.start_period(after, self.phase0, instant.arrived)
+        moved = onward, tangents.start_period(machine, onward, instant.arrived, number < 0)
         state, kept = jax.tree.map(lambda new, old: jnp.where(live, new, old), moved, (state, carry.tangents))
         return Growth(
             state=state,
@@ -128,9 +126,8 @@ def _begin(
     flow, phase0 = flow.prepare(machine), machine.phase_at_start(zero)
     count = jnp.zeros_like(r.transient)
     nothing = jnp.zeros((BLOCKS, 2 * r.x0.size), r.x0.dtype)
-    carry = Growth(
-        initial_state(flow, machine, phase0, r.x0, r.v0), first_tangents(r.x0), nothing, count, r.is_sound
-    )
+    first = initial_state(flow, machine, phase0, r.x0, r.v0)
+    carry = Growth(first, first_tangents(machine, first), nothing, count, r.is_sound)
     if so_far is not None:
         carry = jax.tree.map(lambda new, old: jnp.where(so_far.steps > 0, old, new), carry, so_far)
     span = (r.transient + r.num_periods) * machine.period

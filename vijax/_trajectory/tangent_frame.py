@@ -4,8 +4,9 @@ A frame of vectors is carried from step to step by the derivative of the step, t
 orthonormalised after each step (Benettin et al. 1980): the logarithms of the lengths are the growth. A step lasts at
 most a few times the shortest time scale of the machine, so no vector is lost in the rounding of another, however fast
 it decays. Where a mass comes to rest on a stop, position and velocity no longer depend on their past: two directions
-are erased; an impact without restitution erases one. Vectors in an erased direction become and stay zero while growth is
-counted. What a transient erases says nothing of the motion behind it, so there other vectors take their places.
+are erased; an impact without restitution erases one. A motion that begins at rest on a stop has no such directions from
+the start. Vectors in an erased direction become and stay zero while growth is counted. What a transient erases says
+nothing of the motion behind it, so there other vectors take their places.
 """
 
 import equinox as eqx
@@ -35,13 +36,14 @@ class Tangents(eqx.Module):
     frame: Float[Array, "vectors state ..."]
     growth: Float[Array, "vectors ..."]
 
-    def start_period(self, is_over: Bool[Array, "..."], settles: Bool[Array, "..."]) -> "Tangents":
+    def start_period(
+        self, machine: Machine, state: State, is_over: Bool[Array, "..."], settles: Bool[Array, "..."]
+    ) -> "Tangents":
         """Reset the growth where a forcing period is over; where the motion `settles`, replace erased vectors then."""
         is_asked = is_over & settles & jnp.any(_are_erased(self.frame), axis=0)
+        anew = lambda: compute_once(allowed_at, machine, state, compute_once(completed, self.frame))  # noqa: E731
         frame = jax.lax.cond(
-            is_any(is_asked),
-            lambda: jnp.where(is_asked, compute_once(completed, self.frame), self.frame),
-            lambda: self.frame,
+            is_any(is_asked), lambda: jnp.where(is_asked, anew(), self.frame), lambda: self.frame
         )
         return Tangents(frame, jnp.where(is_over, 0, self.growth))
 
@@ -163,10 +165,29 @@ def _normalized(vector: Float[Array, "state ..."], least: Scalar) -> tuple[Float
     return unit, jnp.where(is_left, jnp.log(square) / 2, -jnp.inf)
 
 
-def first_tangents(x: Float[Array, "n ..."]) -> Tangents:
-    """Initial frame along the coordinates, without growth, for positions like `x`."""
-    size = 2 * len(x)
-    unit = jnp.eye(size, dtype=x.dtype).reshape((size, size) + (1,) * (x.ndim - 1))
-    return Tangents(
-        jnp.broadcast_to(unit, (size, size, *x.shape[1:])), jnp.zeros((size, *x.shape[1:]), x.dtype)
-    )
+def first_tangents(machine: Machine, state: State) -> Tangents:
+    """Initial frame along the coordinates that a motion from a state may vary, without growth."""
+    size, like = 2 * len(state.x), state.x
+    unit = jnp.eye(size, dtype=like.dtype).reshape((size, size) + (1,) * (like.ndim - 1))
+    frame = jnp.broadcast_to(unit, (size, size, *like.shape[1:]))
+    return Tangents(allowed_at(machine, state, frame), jnp.zeros(frame.shape[1:], like.dtype))
+
+
+def allowed_at(
+    machine: Machine, state: State, frame: Float[Array, "vectors state ..."]
+) -> Float[Array, "vectors state ..."]:
+    """Orthonormal vectors along which the elements at rest of a state stay at rest; zero where none is left."""
+    n, contacts = len(state.x), machine.in_mode(state).contacts
+    held, phase_rate = state.held | state.is_kept_closed, machine.phase_rate(state.phase)
+
+    def at_rest(x: Array, v: Array) -> tuple[Array, Array]:
+        x = contacts.with_closed_gaps(x, held & contacts.has_gap, state.phase)
+        return x, contacts.without_speeds(v, held, phase_rate)
+
+    def along(vector: Float[Array, "state ..."]) -> Float[Array, "state ..."]:
+        change = vector[:n] / machine.frequency, vector[n:]
+        _, (x, v) = jax.jvp(at_rest, (state.x, state.v), change)
+        return jnp.concatenate([x * machine.frequency, v])
+
+    frame, _ = orthonormal(jax.vmap(along)(frame), jnp.ones_like(machine.frequency, bool))
+    return frame
