@@ -37,7 +37,7 @@ def answers(system) -> dict[str, np.ndarray]:
     }
 
 
-def same(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> None:
+def assert_same(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> None:
     for name, a in ours.items():
         assert np.isfinite(a).all(), name
         np.testing.assert_allclose(a, theirs[name], rtol=0, atol=BISECTED, err_msg=name)
@@ -48,7 +48,7 @@ def test_states_in_a_compliant_stop_are_states_as_under_its_force():
     soft, forced = machine([WALL]), machine(force=Choice(3.0, -1.0))
     ours = answers(soft)
     assert ours["state"][0, 1] > -1  # in the stop
-    same(ours, answers(forced))
+    assert_same(ours, answers(forced))
 
     def drawn(system):
         bounds = [[-3.0, 2.0], [-3.0, 3.0]]
@@ -61,7 +61,7 @@ def test_states_in_a_compliant_stop_are_states_as_under_its_force():
 def test_a_jenkins_element_has_the_shocks_of_its_halves():
     whole, half = vx.Jenkins(0, 0.1, 0.01), vx.Jenkins(0, 0.05, 0.005)
     ours = answers(machine([WALL], stiffness=0.9, hysteresis=[whole]))
-    same(ours, answers(machine([WALL], stiffness=0.9, hysteresis=[half] * 2)))
+    assert_same(ours, answers(machine([WALL], stiffness=0.9, hysteresis=[half] * 2)))
 
 
 def test_a_stop_that_moves_over_a_mass_carries_it_along_if_it_is_rigid():

@@ -380,23 +380,3 @@ def test_sticking_orbits_to_where_their_sticks_vanish():
     assert np.all(branch.points.multipliers.values[:, -2:] == 0)
     (doubling,) = points_of(branch, "pd")
     assert doubling.value == pytest.approx(0.6655881174, abs=1e-8)
-
-
-@pytest.mark.slow
-def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
-    """At the same value as the branch of sticking cycles from the other side."""
-    system = vx.models.wagg_bishop_b(0.6272962670434061)
-    branch = follow(vx.periodic_orbit(system, [0.5199, 0.0400], [0.1293, 0.0971]), FREQUENCY, 0.627, 0.64)
-    assert branch.ends == ("bounds", "chatter_completion")
-    assert bool(branch.points.is_admissible.all())
-    *_, limit = branch.bifurcations
-    grazings = np.array([point.value for point in points_of(branch, "gr")])
-    steps = np.diff(np.append(grazings[-5:], limit.value))
-    assert np.all(steps[1:-1] < 0.8 * steps[:-2])
-    # Simulations bounce 80 times at 0.637296267011, and stick at 0.637296267005.
-    assert limit.value == pytest.approx(0.637296267011, abs=1e-11)
-    # There the stick of the other branch ends: slightly farther it exists, slightly nearer it does not.
-    for away, num_sticks in ((1e-9, 1), (-1e-9, 0)):
-        system = vx.models.wagg_bishop_b(limit.value + away)
-        orbit = vx.periodic_orbit(system, limit.orbit.x0, limit.orbit.v0)
-        assert np.count_nonzero(orbit.events.kind == vx.STICK) == num_sticks

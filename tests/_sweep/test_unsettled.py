@@ -20,9 +20,11 @@ def settling(rates: list[float], num_periods: int = 20) -> xr.Dataset:
 
 
 def said(ds: xr.Dataset) -> str:
-    with pytest.warns(UserWarning, match="have not settled") as caught:
+    """The warning, empty if there is none."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         warn_of_unsettled_points(ds)
-    return str(caught[0].message)
+    return " ".join(str(each.message) for each in caught)
 
 
 def test_motions_that_still_approach_a_cycle_are_counted_with_the_time_that_they_take():
@@ -49,18 +51,14 @@ def test_no_time_is_told_of_a_motion_whose_record_is_too_short_to_show_its_rate(
 def test_after_the_time_that_is_told_the_motions_have_settled():
     rates = [0.8, 0.9, 0.95]
     more = int(re.findall(r"about (\d+)", said(settling(rates)))[0]) + 1
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warn_of_unsettled_points(settling(rates, 20 + more).isel(period=slice(more, None)))
+    assert said(settling(rates, 20 + more).isel(period=slice(more, None))) == ""
 
 
 def test_nothing_is_said_of_settled_motions_short_records_and_failed_points():
     failed = settling([0.9])
     failed["section_x"][0, 5:] = np.nan
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for ds in (settling([0.1]), settling([0.9], 4), failed, xr.Dataset()):
-            warn_of_unsettled_points(ds)
+    for ds in (settling([0.1]), settling([0.9], 4), failed, xr.Dataset()):
+        assert said(ds) == ""
 
 
 @pytest.mark.thorough

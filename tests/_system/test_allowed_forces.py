@@ -377,13 +377,10 @@ def test_plot_draws_a_machine_with_a_force_and_imports_nothing(files):
     assert not marks(files)
 
 
-@pytest.mark.parametrize(
-    "typed",
-    [
-        ["sweep", "machine.json", "--out", "more.nc", "--over", "args.k=1"],
-        pytest.param(["explore", "kept.nc"], marks=pytest.mark.thorough),
-    ],
-)
+SWEEP = ["sweep", "machine.json", "--out", "more.nc", "--over", "args.k=1"]
+
+
+@pytest.mark.parametrize("typed", [SWEEP, pytest.param(["explore", "kept.nc"], marks=pytest.mark.thorough)])
 def test_other_commands_import_no_force_unless_it_is_allowed(files, capsys, typed):
     if typed[0] == "explore":
         pytest.importorskip("panel")
@@ -395,9 +392,9 @@ def test_other_commands_import_no_force_unless_it_is_allowed(files, capsys, type
 
 def test_a_package_that_lies_beside_a_file_is_not_taken_for_one_that_is_missing(tmp_path):
     """The folder of a received file is not on Python's path."""
-    (tmp_path / "machine.json").write_text(json.dumps(MACHINE))
-    (tmp_path / "elsewhere").mkdir()
-    code = f"import sys; from vijax.studio.command_line.main import main; main(['info', {str(tmp_path / 'machine.json')!r}]); print(sys.path)"
-    run = [sys.executable, "-c", code]
-    done = subprocess.run(run, capture_output=True, text=True, cwd=tmp_path / "elsewhere", check=True)
-    assert str(tmp_path) not in done.stdout.splitlines()[-1].replace(str(tmp_path / "elsewhere"), "")
+    file, away = tmp_path / "machine.json", tmp_path / "elsewhere"
+    file.write_text(json.dumps(MACHINE))
+    away.mkdir()
+    code = f"import sys; from vijax.studio.command_line.main import main; main(['info', {str(file)!r}]); print(sys.path)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=away, check=True)
+    assert str(tmp_path) not in done.stdout.splitlines()[-1].replace(str(away), "")
