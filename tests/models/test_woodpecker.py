@@ -16,7 +16,7 @@ def _times(sol: vx.Solution, stop: int, kind: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def fall() -> vx.Solution:
-    return vx.simulate(vx.models.woodpecker(), 0.0, 12.0, *_START, max_events=4096)
+    return vx.simulate(vx.models.woodpecker(), 0.0, 16.0, *_START, max_events=4096)
 
 
 def test_its_free_frequency_is_the_published_one():
