@@ -11,9 +11,18 @@ from .._orbits.sequence import Sequence
 from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
-from .defining_systems import AbstractCondition, AtEvent, AtGrip, AtTurn, DefiningSystem, Plane
-from .kinds import EndKind
-from .padding import padded, trimmed
+from .defining_systems import (
+    AbstractCondition,
+    AtEvent,
+    AtGrip,
+    AtMultiplier,
+    AtTurn,
+    DefiningSystem,
+    Plane,
+)
+from .degenerate_multiplier import DegenerateMultiplier
+from .kinds import EndKind, Kind
+from .padding import padded, room_for, trimmed
 from .parameter_family import ExtendedCycle
 from .peak_condition import AtPeak
 from .peak_quantities import PeakQuantity
@@ -21,11 +30,13 @@ from .peak_setup import extremes_at, is_at_its_extremes, peak_condition
 from .point import End
 from .requests import KernelCall, Requests, T, location_on, simulation_of
 from .scheduler import answer
-from .sequence_edits import passed_section, shifted
+from .sequence_edits import in_a_row, passed_section, shifted
 from .tolerances import (
     CURVE_IS_BACK,
     EXACT,
     FIRST_STEP,
+    HALVES_FARTHER,
+    HALVES_NEAR,
     LEAST_COSINE,
     LONGEST_ON_CURVE,
     ROUNDED,
@@ -35,7 +46,8 @@ from .walk import AbstractCurve, at_once, walk_alone
 
 # `_FEW`: largest number of Newton iterations after which steps grow.
 # `_MANY`: largest number of Newton iterations of an accepted step.
-_FEW, _MANY = 4, 7
+# `_SECANTS`: largest number of steps of the secant method.
+_FEW, _MANY, _SECANTS = 4, 7, 20
 
 
 class CurveState(NamedTuple):
@@ -135,6 +147,7 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
         peak: the quantity of a peak, or None.
         found: points so far.
         why: reason why the last step was too long.
+        degenerate: test for points at which the multiplier is degenerate.
     """
 
     kind: str
@@ -145,6 +158,10 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
     peak: PeakQuantity | None = None
     found: list[CurveState] = field(default_factory=list)
     why: str = ""
+    degenerate: DegenerateMultiplier = field(init=False)
+
+    def __post_init__(self):
+        self.degenerate = DegenerateMultiplier(self.kind)
 
     @property
     def is_full(self) -> bool:
@@ -175,7 +192,8 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
         new = _next_point(here, ds)
         if new is None:
             self.why = EndKind.NOT_CONVERGED
-            return None
+            last = _degenerate_doubling(here) if self.kind == Kind.FOLD else None
+            return None if last is None else _CurveStep([last], ds, last.special)
         bound = self._at_bound(here, new.at)
         points, end = self._met(here, new if bound is None else bound)
         if end:
@@ -227,7 +245,8 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
     ) -> Iterator[tuple[float, CurveTest, CurveNeighbourhood]]:
         """Zeros of test functions on a step: distance ahead, test, and point."""
         length = float((new.at.y - here.at.y) @ here.at.tangent)
-        for test in curve_tests(self.kind, here.defining, here.sequence):
+        degenerate = self.degenerate.tests(here.defining.family, here.sequence)
+        for test in curve_tests(self.kind, here.defining, here.sequence) + degenerate:
             if not test.is_met(here.near, new):
                 continue
             bracket = Bracket.between(test.of(here.near, here.near), test.of(new, here.near), length)
@@ -245,6 +264,58 @@ def _next_point(here: CurveState, ds: float) -> CurveNeighbourhood | None:
     at = new.at
     is_sound = at.is_found and at.tangent @ here.at.tangent > LEAST_COSINE and at.num_steps <= _MANY
     return new if is_sound else None
+
+
+def _degenerate_doubling(here: CurveState) -> CurveState | None:
+    """The degenerate period doubling at which a curve of folds of doubled orbits ends, as an orbit that is traversed twice.
+
+    Both curves touch there, and the equations of the fold are singular: a multiplier of the doubled orbit is 1 on all of the curve of
+    doublings. So the point is located on that one. None if there is none near.
+    """
+    family, sequence = here.defining.family, here.sequence
+    num, half = len(sequence.kind) // 2, float(family.num_periods) / 2
+    place = trimmed(here.at.place, len(sequence.kind))
+    if half % 1 or len(sequence.kind) % 2:
+        return None
+    away = np.abs(np.asarray(_answer(here, location_on(sequence, place, half))) - place.z).max()
+    if not away < HALVES_NEAR:
+        return None
+    once, guess = trimmed(sequence, num), trimmed(place, num)
+    borders = np.zeros((2, len(guess.z)), np.result_type(guess.z, np.complex64))
+    condition = AtMultiplier(np.full(1, np.pi, guess.z.dtype), borders)
+    room = room_for(num)
+    defining = DefiningSystem(replace(family, num_periods=half), *padded(once, (), room), condition)
+    try:
+        begun = begin_curve(defining, padded(once, (guess,), room)[1])
+    except ValueError:
+        return None
+    found = _zero_along(begun, DegenerateMultiplier(Kind.PERIOD_DOUBLING), away**2)
+    is_near = found is not None and np.abs(found.at.place.p - place.p).max() <= HALVES_FARTHER * away**2
+    if found is None or not is_near:
+        return None
+    twice, place = in_a_row([(once, trimmed(found.at.place, num))] * 2, half)
+    twice, place = padded(twice, (place,), len(here.defining.sequence.kind))
+    whole = replace(here.defining, sequence=twice)
+    y = np.asarray(whole.unknowns(place))
+    near = point_with_neighbours(whole, y, Plane(here.at.tangent, y @ here.at.tangent))
+    return CurveState(near._replace(at=near.at._replace(place=place)), whole, "degenerate_pd")
+
+
+def _zero_along(
+    begun: CurveState, degenerate: DegenerateMultiplier, step: float
+) -> CurveNeighbourhood | None:
+    """Point of a curve at which the multiplier is degenerate, by the secant method from a point; None if it is not found."""
+    value = lambda near: degenerate.value(begun.defining.family, begun.sequence, near)  # noqa: E731
+    (before, last), s = (0.0, value(begun.near)), step
+    for _ in range(_SECANTS):
+        near = begun.ahead(s)
+        now = value(near)
+        if not near.at.is_found or not np.isfinite(now) or now == last:
+            return None
+        (before, last), s = (s, now), s - now * (s - before) / (now - last)
+        if abs(s - before) <= ROUNDED * step:
+            return near
+    return None
 
 
 def _is_followed(here: CurveState) -> bool:

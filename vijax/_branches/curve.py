@@ -53,7 +53,9 @@ def bifurcation_curve(
         A dataset along `point`, in the order of the curve: both parameters by their paths, `x0`, `v0` (mass,),
         `multipliers`, `impact_speed` (event,), and `special`: "" or the name of a special point, "cusp", "1:1", "1:2",
         "1:3", "1:4" (a pair of multipliers at such a root of unity), "resonant_grazing" (a fold or period doubling at
-        an impact without speed: curves of orbits of other periods begin there), or the kinds that meet, as "fold+pd".
+        an impact without speed: curves of orbits of other periods begin there), "degenerate_pd" or "degenerate_ns" (the
+        cubic of the normal form vanishes: the orbits that branch off turn from stable to unstable), or the kinds that
+        meet, as "fold+pd". A curve of folds of doubled orbits ends at a "degenerate_pd".
         Of a peak also `peak_height`, the quantity. A curve of peaks passes the places where a maximum and a minimum meet, and
         ends where another extreme of the cycle becomes as high, "other_extreme".
         Attributes: the `kind`, and `ends`, why the curve ends on either side, for instance "bounds", or the name of

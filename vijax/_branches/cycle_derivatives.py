@@ -71,11 +71,15 @@ def square_jacobian(sequence: Sequence, place: ExtendedCycle) -> Requests[np.nda
 def _equations_at(
     family: ParameterFamily, sequence: Sequence, place: ExtendedCycle
 ) -> Callable[[ExtendedCycle], Array]:
-    """Scaled residuals as a function of the cycle, linear in the parameter about that of a place."""
-    equations = CycleEquations.of(family, sequence, place)
+    """Scaled residuals as a function of the cycle, linear in the parameter about that of a place; two parameters are fixed."""
+    if place.p.ndim:
+        fixed = family.problem(sequence, place.p)
+        problem_at = lambda p: fixed  # noqa: E731
+    else:
+        problem_at = CycleEquations.of(family, sequence, place).at
 
     def at(place: ExtendedCycle) -> Array:
-        found = residual(equations.at(place.p), family.unknowns(place))
+        found = residual(problem_at(place.p), family.unknowns(place))
         return jnp.concatenate([found.closing / family.scale, found.events])
 
     return at

@@ -108,6 +108,15 @@ def normal_form_of(point: Bifurcation) -> NormalForm | GrazingForm:
     return found
 
 
+def cubic_coefficient(
+    family: ParameterFamily, kind: str, sequence: Sequence, place: ExtendedCycle
+) -> Requests[float]:
+    """`NormalForm.coefficient` of a cycle of kind "pd" or "ns", for a family of any number of parameters."""
+    returned = yield from _return_map(sequence, place)
+    multiplier, q, left = _eigenvectors(returned.matrix, kind, float(family.scale[0]))
+    return float(np.real(np.conj(multiplier) * (yield from _cubic(returned, kind, multiplier, q, left))))
+
+
 class _ReturnMap(NamedTuple):
     """The return map z -> P(z), with the derivatives of the equations of the cycle and of its events.
 
@@ -159,7 +168,10 @@ class _ReturnMap(NamedTuple):
 
     def _ask(self, kernel: Callable, *directions: np.ndarray) -> Requests[np.ndarray]:
         size, num = len(self.place.z), len(self.place.z) + len(self.place.flights)
-        given = [ExtendedCycle(d[:size], d[size:num], np.asarray(np.append(d, 0.0)[num])) for d in directions]
+        shape = np.shape(self.place.p)
+        given = [
+            ExtendedCycle(d[:size], d[size:num], np.full(shape, np.append(d, 0.0)[num])) for d in directions
+        ]
         return (yield from derivative_at(kernel, self.sequence, self.place, *given))
 
 

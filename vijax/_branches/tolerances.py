@@ -94,6 +94,10 @@ SAME_ROUNDS = 1e-3
 # beyond that end, relative to that of the halves, at which a fold is none of it.
 DOUBLING_LIKELY, DOUBLING_FARTHER = 0.1, 100.0
 
+# cycle: largest distance of the halves of a doubled cycle whose curve may end at a degenerate period doubling; parameters, relative to
+# the square of it: largest distance to that point.
+HALVES_NEAR, HALVES_FARTHER = 0.1, 100.0
+
 # ---- Behind an event ----
 
 # cycle: lengths of the step off a point where the sequence changes; the first that is accepted counts. The machine takes an
