@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._orbits.sequence import Sequence
-from ..kinds import Kind
 from ..parameter_family import ExtendedCycle
 from ..point import BranchPoint
 from ..sequence_edits import Word, exchanged, letters_between
 from ..test_functions import TestFunction, tests_of
 from ..tolerances import HALF_DIGITS, LOCATED
+from .sizes import Sizes
 
 
 class CornerInstant(NamedTuple):
@@ -46,11 +46,12 @@ class CycleOnWords(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """A point of a branch at which margins vanish, its instants in order, and the forcing periods of its cycle."""
+    """A point of a branch at which margins vanish, its instants in order, the forcing periods of its cycle, and sizes of margins."""
 
     event: BranchPoint
     instants: list[CornerInstant]
     num_periods: float
+    sizes: Sizes
 
     def with_words(self, words: tuple[Word, ...]) -> CycleOnWords:
         """The cycle on other words."""
@@ -60,12 +61,14 @@ class Corner(NamedTuple):
         return CycleOnWords(words, *exchanged(self.event.sequence, self.event.place, changes))
 
 
-def corner_of(event: BranchPoint, test: TestFunction, rounds: int, num_periods: float) -> Corner:
+def corner_of(
+    event: BranchPoint, test: TestFunction, rounds: int, num_periods: float, sizes: Sizes
+) -> Corner:
     """The corner at which a margin vanishes, met in every round of a cycle that traverses a shorter one several times."""
     when, element = _place_of(test, event)
     instants: list[tuple[float, set[int]]] = [(when, {element})]
     for other in tests_of(event.sequence):
-        if abs(other.of(event.cycle)) < HALF_DIGITS * _size_of(other, event):
+        if abs(other.of(event.cycle)) < HALF_DIGITS * sizes.of_test(other, event.sequence):
             at, own = _place_of(other, event)
             # At another instant only a margin of the same kind counts: the last bounces of a chatter are light as well.
             if abs(at - when) < LOCATED or (other.kind, other.of_flight) == (
@@ -77,7 +80,7 @@ def corner_of(event: BranchPoint, test: TestFunction, rounds: int, num_periods: 
         for k in range(1, rounds):
             _add(instants, (at + k * num_periods / rounds) % num_periods, set(own))
     found = [_instant(event, *one) for one in sorted(instants, key=lambda one: one[0])]
-    return Corner(event, found, num_periods)
+    return Corner(event, found, num_periods, sizes)
 
 
 def _add(instants: list[tuple[float, set[int]]], time: float, elements: set[int]) -> None:
@@ -110,11 +113,3 @@ def _place_of(test: TestFunction, event: BranchPoint) -> tuple[float, int]:
         flight = int(watched.rise_flight[test.index])
         return (float(times[flight - 1]) if flight else 0.0), element
     return float(getattr(watched, test.least + "_time")[test.index]), element
-
-
-def _size_of(test: TestFunction, event: BranchPoint) -> float:
-    """Size of a margin: gaps and speeds have that of the motion."""
-    if test.of_flight or test.kind not in (Kind.TOUCH, Kind.GRAZING):
-        return 1.0
-    positions, velocities = np.split(np.abs(event.cycle.start), 2)
-    return float((positions if test.kind == Kind.TOUCH else velocities).max())

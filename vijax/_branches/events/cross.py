@@ -32,6 +32,7 @@ from .apart import apart
 from .corner import Corner, CornerInstant, CycleOnWords, corner_of
 from .following import is_behind, is_followed_behind
 from .residuals import ROWS, residuals_of
+from .sizes import Sizes
 from .words import Elements, meaning, words_between
 
 
@@ -42,8 +43,9 @@ def cross(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> Reque
     if test.kind == Kind.CHATTER_COMPLETION and not is_plastic(event.sequence, event.cycle, test):
         return None  # ever more bounces follow: `grazing_cascade.py`
     # In all rounds of a cycle that traverses a shorter one, in one of them alone, or, by a symmetry, half a cycle later too.
+    sizes = yield from ask(HostCall(Sizes.of, event.sequence))
     for rounds in dict.fromkeys((1, walk.rounds, 2)):
-        corner = corner_of(event, test, rounds, walk.num_periods)
+        corner = corner_of(event, test, rounds, walk.num_periods, sizes)
         point = yield from _point_behind(corner)
         if point is not None:
             return point
@@ -145,7 +147,7 @@ def _point_on(corner: Corner, trial: CycleOnWords) -> Requests[BranchPoint | Non
         return None
     at = yield from corrected_on_sequence(trial.sequence, trial.place, corner.event)
     if isinstance(at, BranchPoint) and _is_at_corner(at, trial):
-        for is_ahead in (True, False) if _rises(at) else (False, True):
+        for is_ahead in (True, False) if _rises(at, corner.sizes) else (False, True):
             new = yield from step_off(at, is_ahead, partial(_accepted, corner, trial))
             if new is not None and not _has_double_root(new, at, corner, trial):
                 return new
@@ -164,10 +166,11 @@ def _is_at_corner(at: BranchPoint, trial: CycleOnWords) -> bool:
     return bool(away < NO_JUMP)
 
 
-def _rises(at: BranchPoint) -> bool:
+def _rises(at: BranchPoint, sizes: Sizes) -> bool:
     """True if the margins that vanish at a corner rise along the tangent."""
     (sequence,) = padded(at.sequence, (), len(at.cycle.found.speeds))
-    values, slopes = margins(sequence, at.cycle), test_slopes(sequence, at.cycle)
+    of_margins = sizes.of_margins(sequence)
+    values, slopes = margins(sequence, at.cycle) / of_margins, test_slopes(sequence, at.cycle) / of_margins
     own = slopes[np.abs(values) < HALF_DIGITS]
     return not len(own) or bool(own.min() > -own.max())
 

@@ -36,14 +36,14 @@ def _is_only_reordered(point: BranchPoint, corner: Corner, words: Sequence[Word]
 
 
 def lowest_margin(point: BranchPoint, corner: Corner, words: Sequence[Word]) -> float:
-    """The lowest margin behind a corner, 0 at most; negative also for a speed that is zero.
+    """The lowest margin behind a corner as a share of its size, 0 at most; negative also for a speed that is zero.
 
     Durations that a symmetry keeps at zero may be rounding. The least value of a guard beside a letter of its own element
     vanishes with that: the margins of the letter decide.
     """
     least = 0.0
     for test in tests_of(point.sequence):
-        value = test.of(point.cycle)
+        value = test.of(point.cycle) / corner.sizes.of_test(test, point.sequence)
         is_speed = test.kind == Kind.GRAZING and not test.least
         is_low = value <= (NO_FLIGHT if is_speed else -NO_FLIGHT)
         if is_low and not (test.least and value > -ECHO_VALUE and _is_echo(test, point, corner, words)):

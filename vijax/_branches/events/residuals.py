@@ -12,6 +12,7 @@ from ..._orbits.sequence import Sequence
 from ..padding import padded, room_for
 from ..parameter_family import ExtendedCycle, ParameterFamily
 from ..requests import KernelCall, Requests, ask
+from .sizes import Sizes
 
 # ROWS: cycles of one call.
 ROWS = 16
@@ -24,13 +25,14 @@ def residuals(
 
     Without the division by durations, which magnifies rounding where these vanish.
     """
+    sizes = Sizes.of(family)
 
     def one(row: tuple[Array, ...]) -> Array:
         *events, flights = row
         own = Sequence(*events)
         problem = family.problem(own, place.p)
         found = residual(problem, family.unknowns(place._replace(flights=flights)))
-        values, zeros = found.events, events_of(problem).zeros
+        values, zeros = found.events / sizes.of_events(own), events_of(problem).zeros
         if zeros is not None:
             values = values * jnp.maximum(jnp.abs(flights), MOMENT) ** zeros
         closing = jnp.max(jnp.abs(found.closing / family.scale))

@@ -1,0 +1,57 @@
+"""Sizes by which margins and residuals at a corner are divided: what is zero must not depend on the units of a machine."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..._hybrid.limits import CLOSE, OPEN, RELEASE, SLIP, STICK, TURN
+from ..._jax.arrays import Reals
+from ..._orbits.sequence import SECOND, Sequence
+from ..._system.system import machine_of
+from ..kinds import Kind
+from ..parameter_family import ParameterFamily
+from ..test_functions import TestFunction, tests_of
+
+
+class Sizes(NamedTuple):
+    """Sizes of gaps, of velocities and of forces, of the motions of a family."""
+
+    length: Reals
+    speed: Reals
+    force: Reals
+
+    @classmethod
+    def of(cls, family: ParameterFamily) -> "Sizes":
+        """Those of a family; the force is that of the heaviest mass at the acceleration of a motion of that size."""
+        length, speed = family.scale[0], family.scale[-1]
+        return cls(length, speed, abs(machine_of(family.system).mass).max() * speed * speed / length)
+
+    def of_test(self, test: TestFunction, sequence: Sequence) -> float:
+        """Size of the values of a test function; 1 of durations and of friction that is torn off, which are shares."""
+        if test.of_flight or test.kind == Kind.TEAR:
+            return 1.0
+        if not test.least:
+            return float(self.force if sequence.kind[test.index] == TURN else self.speed)
+        if test.least == "force" or test.kind == Kind.FORCE_ZERO:
+            return float(self.force)
+        return float(self.speed if test.kind == Kind.GRAZING_SLIDING else self.length)
+
+    def of_margins(self, sequence: Sequence) -> np.ndarray:
+        """Sizes of all `margins` of a sequence, in their order; 1 for no test."""
+        room, guards = len(sequence.kind), sequence.mode.shape[1] * sequence.num_groups
+        begins = {name: 2 * room + k * guards for k, name in enumerate(("gap", "force", "rise"))}
+        found = np.ones(2 * room + 3 * guards)
+        for test in tests_of(sequence):
+            begin = begins[test.least] if test.least else room * test.of_flight
+            found[begin + test.index] = self.of_test(test, sequence)
+        return found
+
+    def of_events(self, sequence: Sequence) -> Float[Array, " events"]:
+        """Sizes of the guards that vanish at events."""
+        kind = sequence.kind % SECOND
+        of_force = jnp.isin(kind, np.array((RELEASE, SLIP, OPEN)))
+        of_force |= (kind == CLOSE) & (sequence.kind >= SECOND)
+        of_speed = jnp.isin(kind, np.array((STICK, TURN)))
+        return jnp.where(of_force, self.force, jnp.where(of_speed, self.speed, self.length))
