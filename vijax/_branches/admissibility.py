@@ -63,6 +63,7 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
         is_plastic=machine.contacts.is_plastic,
         had=jnp.cumsum(jnp.concatenate([jnp.zeros_like(have_event[:1]), have_event]), axis=0),
         before=jnp.concatenate([jnp.zeros_like(count)[None], jax.lax.cummax(have_length)[:-1]]),
+        follows=follower_flags(machine.contacts) if may_have_pairs(machine.contacts) else None,
     )
 
 

@@ -92,6 +92,7 @@ class Course(NamedTuple):
         had: number of events that each element has had before each flight, see `elements_of_events`, (events + 1, stops).
         before: number of the last flight before each that has a length, or of the one before it: the events between them
             are at one instant, (events + 1,).
+        follows: flags of the elements that follow others, see `side_by_side.py`, (stops,); None if there are none.
     """
 
     sequence: CycleEvents
@@ -107,6 +108,7 @@ class Course(NamedTuple):
     is_plastic: Array
     had: Array
     before: Array
+    follows: Array | None = None
 
 
 class _Minima(NamedTuple):
@@ -199,7 +201,10 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)
     # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold; between events
     # of one instant it ceases to. Elements that keep each other at rest take over each other's load on a flight, whose mode is
-    # that at its end.
+    # that at its end. A follower has no load to hand over.
+    keeps = idle
+    if idle is not None and course.follows is not None:
+        keeps = idle & ~sequence.for_guards(course.follows)
     is_begun = is_on & is_first & (longest > END_OF_FLIGHT * course.whole)
 
     def of_held() -> _Minima:
@@ -207,7 +212,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
         least = jnp.where(is_first, now.force[0], force.value)
         at = jnp.where(is_first, since, force.times(since, step))
         counts = (
-            is_begun if idle is None else is_begun & ~(jnp.any(idle, axis=0, keepdims=True) & (least < 0))
+            is_begun if keeps is None else is_begun & ~(jnp.any(keeps, axis=0, keepdims=True) & (least < 0))
         )
         is_least = held & (counts | (has_length & force.is_there))
         return scan.forces.lowered(is_least, least, at, k)
