@@ -283,10 +283,10 @@ def _degenerate_doubling(here: CurveState) -> CurveState | None:
     once, guess = trimmed(sequence, num), trimmed(place, num)
     borders = np.zeros((2, len(guess.z)), np.result_type(guess.z, np.complex64))
     condition = AtMultiplier(np.full(1, np.pi, guess.z.dtype), borders)
-    room = room_for(num)
-    defining = DefiningSystem(replace(family, num_periods=half), *padded(once, (), room), condition)
+    longer, guess = padded(once, (guess,), room_for(num))
+    defining = DefiningSystem(replace(family, num_periods=half), longer, condition)
     try:
-        begun = begin_curve(defining, padded(once, (guess,), room)[1])
+        begun = begin_curve(defining, guess)
     except ValueError:
         return None
     found = _zero_along(begun, DegenerateMultiplier(Kind.PERIOD_DOUBLING), away**2)

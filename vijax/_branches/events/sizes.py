@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._hybrid.limits import CLOSE, OPEN, RELEASE, SLIP, STICK, TURN
-from ..._jax.arrays import Reals
+from ..._jax.arrays import Reals, array_namespace
 from ..._orbits.sequence import SECOND, Sequence
 from ..._system.system import machine_of
 from ..kinds import Kind
@@ -24,9 +24,14 @@ class Sizes(NamedTuple):
 
     @classmethod
     def of(cls, family: ParameterFamily) -> "Sizes":
-        """Those of a family; the force is that of the heaviest mass at the acceleration of a motion of that size."""
-        length, speed = family.scale[0], family.scale[-1]
-        return cls(length, speed, abs(machine_of(family.system).mass).max() * speed * speed / length)
+        """Those of a family; the force is the largest that accelerates, damps or holds a mass in a motion of that size."""
+        length, speed, machine = family.scale[0], family.scale[-1], machine_of(family.system)
+        rates = speed * speed / length, speed, length
+        matrices = machine.mass, machine.damping, machine.stiffness
+        xp = array_namespace(*rates, *matrices)
+        return cls(
+            length, speed, xp.stack([abs(a).max() * b for a, b in zip(matrices, rates, strict=True)]).max()
+        )
 
     def of_test(self, test: TestFunction, sequence: Sequence) -> float:
         """Size of the values of a test function; 1 of durations and of friction that is torn off, which are shares."""
