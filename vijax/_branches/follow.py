@@ -18,6 +18,7 @@ from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, 
 from .kernels import SimulatedMotion
 from .kinds import EndKind, Kind, public_kind
 from .located_steps import Step, is_at_corner, located_step, step_to_corner
+from .margin_sizes import Sizes
 from .padding import MOST_EVENTS, padded, trimmed
 from .parameter_family import ExtendedCycle
 from .point import (
@@ -29,7 +30,7 @@ from .point import (
     between,
     correct_with_free_parameter,
 )
-from .requests import Requests, ask, simulation_from
+from .requests import HostCall, Requests, ask, simulation_from
 from .section import in_section
 from .simulated_events import cycle_of_simulation, with_simulated_bounces
 from .steps import PlainSteps, Tried
@@ -154,8 +155,14 @@ def _with_bounces(point: BranchPoint, followed: SimulatedMotion) -> Requests[Bra
 
 def _behind_event_at_start(walk: DirectedBranch, start: BranchPoint) -> Requests[BranchPoint | End]:
     """The start, or the point behind its event: given orbits may lie on one, where a test function is rounding and falls."""
+    sizes = yield from ask(HostCall(Sizes.of, start.sequence))
     for test in tests_of(start.sequence):
-        if test.rate and abs(test.of(start.cycle)) < EXACT and test.rate(start.cycle) < -NEGLIGIBLE:
+        size = sizes.of_test(test, start.sequence)
+        if (
+            test.rate
+            and abs(test.of(start.cycle)) < EXACT * size
+            and test.rate(start.cycle) < -NEGLIGIBLE * size
+        ):
             event = start._replace(kind=kind_at(test, start.sequence, start.cycle))
             return (yield from _continue_behind_event(walk, test, event))
     return start

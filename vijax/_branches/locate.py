@@ -8,6 +8,7 @@ import numpy as np
 from .bracket import Bracket, SlopedBracket, next_trial
 from .kernels import CorrectedCycle
 from .kinds import EndKind, Kind
+from .margin_sizes import Sizes
 from .pitchfork import is_listed, pitchfork_at_fold, with_kind_of_crossing
 from .point import BranchPoint, DirectedBranch, End, between, on_plane
 from .requests import Requests
@@ -28,7 +29,7 @@ _WITH_CROSSING = Kind.FOLD, Kind.HALF_PERIOD, Kind.PITCHFORK
 
 
 def first_event(
-    point: BranchPoint, new: BranchPoint, met: list[TestFunction]
+    point: BranchPoint, new: BranchPoint, met: list[TestFunction], sizes: Sizes
 ) -> Requests[tuple[tuple[TestFunction, BranchPoint] | None, BranchPoint] | End]:
     """The first of the events of a step, or None; and the point just before it, or the end of the step.
 
@@ -44,16 +45,17 @@ def first_event(
             if isinstance(event, End):
                 return event
             # The functions of other events may jump behind the first.
-            least = 0.0 if is_between_events(test) else HALF_DIGITS
+            least = 0.0 if is_between_events(test) else HALF_DIGITS * sizes.of_test(test, point.sequence)
             if len(met) > 1 and not abs(test.of(event.cycle)) < max(NEGLIGIBLE * test.of(point.cycle), least):
                 return End(EndKind.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
 
 
-def is_passed(test: TestFunction, point: BranchPoint) -> bool:
+def is_passed(test: TestFunction, point: BranchPoint, sizes: Sizes) -> bool:
     """True if the guard of a test function has vanished before a point, by more than rounding."""
-    return is_between_events(test) and bool(test.of(point.cycle) < -HALF_DIGITS)
+    least = HALF_DIGITS * sizes.of_test(test, point.sequence)
+    return is_between_events(test) and bool(test.of(point.cycle) < -least)
 
 
 def _share(before: float, after: float) -> float:

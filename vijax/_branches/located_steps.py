@@ -7,13 +7,14 @@ import numpy as np
 from .kernels import SimulatedMotion
 from .kinds import Kind
 from .locate import first_event, is_passed, special_points
+from .margin_sizes import Sizes
 from .point import (
     BranchPoint,
     DirectedBranch,
     End,
     predicted_point,
 )
-from .requests import Requests, ask, simulation_of
+from .requests import HostCall, Requests, ask, simulation_of
 from .section import in_section
 from .steps import PlainSteps, Tried
 from .test_functions import (
@@ -93,11 +94,12 @@ def located_step(
         confirmed = yield from _confirmed(walk, new, tried.motion)
         if isinstance(confirmed, End) or not confirmed.point.is_admissible:
             return None
-    first = yield from first_event(point, new, met)
+    sizes = yield from ask(HostCall(Sizes.of, point.sequence))
+    first = yield from first_event(point, new, met, sizes)
     if isinstance(first, End):
         return first
     event, last = first
-    if _hides_stop(event) or any(is_passed(test, last) for test in crossed if test not in met):
+    if _hides_stop(event) or any(is_passed(test, last, sizes) for test in crossed if test not in met):
         return None  # a guard that vanishes before the event with which it seemed to vanish
     specials = yield from special_points(walk, point, last)
     if isinstance(specials, End):
@@ -117,7 +119,8 @@ def step_to_corner(walk: DirectedBranch, point: BranchPoint) -> Requests[Step | 
         )
         if not stops or crossings(tests_of(point.sequence), point.cycle, new.cycle):
             continue
-        first = yield from first_event(point, new, stops)
+        sizes = yield from ask(HostCall(Sizes.of, point.sequence))
+        first = yield from first_event(point, new, stops, sizes)
         if isinstance(first, End):
             continue
         specials = yield from special_points(walk, point, first[1])

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._orbits.sequence import Sequence
+from ..margin_sizes import Sizes
 from ..parameter_family import ExtendedCycle
 from ..point import BranchPoint
 from ..sequence_edits import Word, exchanged, letters_between
 from ..test_functions import TestFunction, tests_of
 from ..tolerances import HALF_DIGITS, LOCATED
-from .sizes import Sizes
 
 
 class CornerInstant(NamedTuple):

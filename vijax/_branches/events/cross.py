@@ -21,6 +21,7 @@ from ..._orbits.side_by_side import has_several_of_a_kind, side_by_side
 from ..._system.system import machine_of
 from ..behind_event import corrected_on_sequence, step_off
 from ..kinds import Kind
+from ..margin_sizes import Sizes
 from ..padding import padded
 from ..parameter_family import ParameterFamily
 from ..point import BranchPoint, DirectedBranch, corrected, is_followed
@@ -32,7 +33,6 @@ from .apart import apart
 from .corner import Corner, CornerInstant, CycleOnWords, corner_of
 from .following import is_behind, is_followed_behind
 from .residuals import ROWS, residuals_of
-from .sizes import Sizes
 from .words import Elements, meaning, words_between
 
 

@@ -9,10 +9,10 @@ from jaxtyping import Array, Float
 
 from ..._orbits.cycle import MOMENT, events_of, residual
 from ..._orbits.sequence import Sequence
+from ..margin_sizes import Sizes
 from ..padding import padded, room_for
 from ..parameter_family import ExtendedCycle, ParameterFamily
 from ..requests import KernelCall, Requests, ask
-from .sizes import Sizes
 
 # ROWS: cycles of one call.
 ROWS = 16

@@ -1,4 +1,4 @@
-"""Sizes by which margins and residuals at a corner are divided: what is zero must not depend on the units of a machine."""
+"""Sizes by which margins and residuals are divided: what is zero must not depend on the units of a machine."""
 
 from typing import NamedTuple
 
@@ -6,13 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._hybrid.limits import CLOSE, OPEN, RELEASE, SLIP, STICK, TURN
-from ..._jax.arrays import Reals, array_namespace
-from ..._orbits.sequence import SECOND, Sequence
-from ..._system.system import machine_of
-from ..kinds import Kind
-from ..parameter_family import ParameterFamily
-from ..test_functions import TestFunction, tests_of
+from .._hybrid.limits import CLOSE, OPEN, RELEASE, SLIP, STICK, TURN
+from .._jax.arrays import Reals, array_namespace
+from .._orbits.sequence import SECOND, Sequence
+from .._system.system import machine_of
+from .kinds import Kind
+from .parameter_family import ParameterFamily
+from .test_functions import TestFunction, tests_of
 
 
 class Sizes(NamedTuple):
@@ -34,8 +34,8 @@ class Sizes(NamedTuple):
         )
 
     def of_test(self, test: TestFunction, sequence: Sequence) -> float:
-        """Size of the values of a test function; 1 of durations and of friction that is torn off, which are shares."""
-        if test.of_flight or test.kind == Kind.TEAR:
+        """Size of the values of a test function; 1 of durations, of friction that is torn off and of grips in impacts."""
+        if test.of_flight or test.kind in (Kind.TEAR, Kind.IN_IMPACT):
             return 1.0
         if not test.least:
             return float(self.force if sequence.kind[test.index] == TURN else self.speed)
