@@ -8,7 +8,8 @@ several at once, with other `--first` and `--stride`, share the work. A failure 
 `--round K`. With `--symmetric` the machines of a round are made symmetric. Half of the rounds, or the share `--degenerate`,
 have machines with coincidences: equal masses, gaps of zero, starts at rest, see `random_machines/degenerate.py`. From round
 10000 on machines may have wave forms, records, parametric stiffness and cubic springs as well, see `random_machines/extras.py`, from
-round 20000 on they are rows of bodies in touch, with friction and compliant stops, see `random_machines/touching.py`.
+round 20000 on they are rows of bodies in touch, with friction and compliant stops, see `random_machines/touching.py`. With
+`--curves` bifurcations of that many machines of a round are followed in two parameters, and branches across the curves compared.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from random_machines.curves import check_curves
 from random_machines.degenerate import degenerate
 from random_machines.extras import degenerate_extras, with_extras
 from random_machines.families import check_family, check_sweep
@@ -75,6 +77,7 @@ def play(
     most_masses: int,
     families: int = FAMILIES,
     sweeps: int = 0,
+    curves: int = 0,
     *,
     is_symmetric: bool = False,
     degenerates: float = 0.5,
@@ -99,6 +102,12 @@ def play(
             failures.append(Failure(name, k, excess))
             print(f"round {number}, lane {k}: {name}", file=sys.stderr, flush=True)
         counts += own
+    for k in range(min(machines, curves) if shape.is_periodic and has_orbits else 0):
+        faults, own = check_curves(shape, own_numbers(numbers, k), np.random.default_rng([SEED, number, k]))
+        for name, excess in faults:
+            failures.append(Failure(name, k, excess))
+            print(f"round {number}, lane {k}: {name}", file=sys.stderr, flush=True)
+        counts += own
     return {
         "round": number,
         "symmetric": is_symmetric,
@@ -116,12 +125,15 @@ def play(
 def summary(lines: list[dict]) -> str:
     """The tally in words."""
     kinds = Counter(failure["check"] for line in lines for failure in line["failures"])
-    counted = "machines", "runs", "compared", "swept", "orbits", "branches", "points", "cpu_seconds"
+    counted = (
+        *("machines", "runs", "compared", "swept", "orbits", "branches", "points"),
+        *("curves", "curve_points", "crossed", "cpu_seconds"),
+    )
     total = {key: sum(line.get(key, 0) for line in lines) for key in counted}
     found = ", ".join(f"{kind}: {count}" for kind, count in kinds.most_common()) or "none"
     return (
         f"{len(lines)} shapes, {total['machines']} machines, {total['runs']} runs, {total['compared']} compared motions, "
-        f"{total['swept']} points of sweeps, {total['orbits']} orbits, {total['branches']} branches of {total['points']} points, {total['cpu_seconds'] / 3600:.2f} CPU hours; failures: {found}"
+        f"{total['swept']} points of sweeps, {total['orbits']} orbits, {total['branches']} branches of {total['points']} points, {total['curves']} curves of {total['curve_points']} points, {total['crossed']} crossed, {total['cpu_seconds'] / 3600:.2f} CPU hours; failures: {found}"
     )
 
 
@@ -139,6 +151,9 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--sweeps", type=int, default=0, help="machines of every fourth round that are swept, if more"
+    )
+    parser.add_argument(
+        "--curves", type=int, default=0, help="machines of every round whose bifurcations are followed"
     )
     parser.add_argument("--symmetric", action="store_true", help="make the machines symmetric")
     parser.add_argument(
@@ -161,6 +176,7 @@ def main() -> None:
         most_masses=options.masses,
         families=options.families,
         sweeps=options.sweeps,
+        curves=options.curves,
         is_symmetric=options.symmetric,
         degenerates=options.degenerate,
     )
