@@ -245,7 +245,7 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
     ) -> Iterator[tuple[float, CurveTest, CurveNeighbourhood]]:
         """Zeros of test functions on a step: distance ahead, test, and point."""
         length = float((new.at.y - here.at.y) @ here.at.tangent)
-        degenerate = self.degenerate.tests(here.defining.family, here.sequence)
+        degenerate = self.degenerate.tests(here.defining.family, here.sequence, here.near)
         for test in curve_tests(self.kind, here.defining, here.sequence) + degenerate:
             if not test.is_met(here.near, new):
                 continue

@@ -6,6 +6,7 @@ Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 9.3 (gener
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from .normal_form import cubic_coefficient
 from .padding import trimmed
 from .parameter_family import ParameterFamily
 from .scheduler import drive
+from .tolerances import HALF_DIGITS
 
 # Kinds whose normal forms have a cubic.
 _CUBIC = Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER
@@ -33,11 +35,14 @@ class DegenerateMultiplier:
     kind: str
     known: list[tuple[CurveNeighbourhood, float]] = field(default_factory=list)
 
-    def tests(self, family: ParameterFamily, sequence: Sequence) -> list[CurveTest]:
-        """Tests of a curve: none for a kind without a cubic."""
+    def tests(self, family: ParameterFamily, sequence: Sequence, here: CurveNeighbourhood) -> list[CurveTest]:
+        """Tests of a step from a point: none for a kind without a cubic."""
         if self.kind not in _CUBIC:
             return []
-        return [CurveTest(f"degenerate_{self.kind}", lambda near, _: self.value(family, sequence, near))]
+        name, value = f"degenerate_{self.kind}", partial(self.value, family, sequence)
+        # Beside a resonant grazing the cubic changes its sign at infinity.
+        name_at = lambda near: name if abs(value(near)) <= HALF_DIGITS * abs(value(here)) else ""  # noqa: E731
+        return [CurveTest(name, lambda near, _: value(near), name_at=name_at)]
 
     def value(self, family: ParameterFamily, sequence: Sequence, near: CurveNeighbourhood) -> float:
         """Function that changes sign with the cubic, and is finite where that is not."""
@@ -46,7 +51,9 @@ class DegenerateMultiplier:
                 return value
         place = trimmed(near.at.place, len(sequence.kind))
         try:
-            (cubic,) = drive([family], [cubic_coefficient(family, self.kind, sequence, place)], lambda: None)
+            with np.errstate(all="ignore"):
+                task = cubic_coefficient(family, self.kind, sequence, place)
+                (cubic,) = drive([family], [task], lambda: None)
         except np.linalg.LinAlgError:
             return np.nan
         # The cubic is infinite where another multiplier is 1, and at the resonance 1:3.
