@@ -290,13 +290,14 @@ def _degenerate_doubling(here: CurveState) -> CurveState | None:
     except ValueError:
         return None
     found = _zero_along(begun, DegenerateMultiplier(Kind.PERIOD_DOUBLING), away**2)
-    is_near = found is not None and np.abs(found.at.place.p - place.p).max() <= HALVES_FARTHER * away**2
-    if found is None or not is_near:
+    if found is None or np.abs(found.at.place.p - place.p).max() > HALVES_FARTHER * away**2:
         return None
     twice, place = in_a_row([(once, trimmed(found.at.place, num))] * 2, half)
     twice, place = padded(twice, (place,), len(here.defining.sequence.kind))
     whole = replace(here.defining, sequence=twice)
     y = np.asarray(whole.unknowns(place))
+    if (y - here.at.y) @ here.at.tangent <= 0:  # the curve comes from there
+        return None
     near = point_with_neighbours(whole, y, Plane(here.at.tangent, y @ here.at.tangent))
     return CurveState(near._replace(at=near.at._replace(place=place)), whole, "degenerate_pd")
 

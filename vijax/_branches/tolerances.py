@@ -96,7 +96,7 @@ DOUBLING_LIKELY, DOUBLING_FARTHER = 0.1, 100.0
 
 # cycle: largest distance of the halves of a doubled cycle whose curve may end at a degenerate period doubling; parameters, relative to
 # the square of it: largest distance to that point.
-HALVES_NEAR, HALVES_FARTHER = 0.1, 100.0
+HALVES_NEAR, HALVES_FARTHER = 0.05, 10.0
 
 # ---- Behind an event ----
 
