@@ -52,7 +52,7 @@ def test_machines_that_touch_their_stop_once_a_cycle_obey_all_checks():
 def test_what_is_done_is_not_played_again(tmp_path, monkeypatch, capsys):
     played = []
 
-    def play(number, machines, most_masses, families, sweeps, is_symmetric, degenerates):
+    def play(number, machines, most_masses, families, sweeps, curves, is_symmetric, degenerates):
         played.append(number)
         sums = {"machines": machines, "runs": 7, "compared": 1, "cpu_seconds": 0.0}
         if len(played) == 3:
