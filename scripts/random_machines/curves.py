@@ -25,6 +25,8 @@ CROSSED, SHORT, BESIDE = 2, 0.02, (1e-4, -1e-4, 1e-3, -1e-3)
 FARTHEST = 10.0
 # Relative distance of two values that are one, error of a critical multiplier, and residual of the equations.
 SAME, CRITICAL, SOLVED = 2e-9, 1e-4, 1e-8
+# Speed of an impact, relative to the largest, below which it grazes.
+LIGHT = 1e-6
 # Kinds that have curves, and the distance of multipliers from those of the kind.
 KINDS = {
     "fold": lambda mu: np.abs(mu - 1),
@@ -87,6 +89,10 @@ def _points(
 def _of_curve(curve) -> list[Fault]:
     """Ends, multipliers and residuals along a curve."""
     kind, is_plain = curve.attrs["kind"], curve["special"].values == ""
+    # Beside a grazing multipliers are infinite, and those of the kind are rounding.
+    speeds = np.abs(curve["impact_speed"].values)
+    is_light = (speeds > 0) & (speeds <= LIGHT * speeds.max(axis=1, keepdims=True, initial=0))
+    is_plain &= ~is_light.any(axis=1)
     faults = [
         (f"curve: {kind} ends: {end}", 1.0)
         for end in json.loads(curve.attrs["ends"])
