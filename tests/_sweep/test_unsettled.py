@@ -68,4 +68,5 @@ def test_a_sweep_warns_of_it_with_and_without_its_progress(progress):
         [1.0], [[0.1]], [[1.0]], vx.Harmonic([0.1], 0.7), [vx.Stop(0, 9.0, "upper", 0.7)]
     )
     with pytest.warns(UserWarning, match="2 of 2 motions have not settled"):
-        vx.sweep(system, {"forcing.frequency": [0.6, 0.7]}, transient=10, record=12, progress=progress)
+        ds = vx.sweep(system, {"forcing.frequency": [0.6, 0.7]}, transient=10, record=12, progress=progress)
+    assert ds.sizes["forcing.frequency"] == 2

@@ -58,8 +58,8 @@ def test_a_panel_without_a_point_says_that_its_stop_has_no_impact(swept):
     quiet = swept.assign(num_impacts=swept.num_impacts.where(swept.stop != 1, 0))
     with pytest.warns(UserWarning, match="no impact at stop 1 was recorded"):
         vx.plot.bifurcation(quiet, 1)
-    vx.plot.bifurcation(quiet, 0)
-    vx.plot.bifurcation(quiet, None)
+    assert vx.plot.bifurcation(quiet, 0).lines
+    assert all(ax.lines for ax in np.ravel(vx.plot.bifurcation(quiet, None)))
 
 
 def test_a_bifurcation_diagram_goes_into_the_axes_given(swept):

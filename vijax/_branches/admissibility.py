@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._flow.interface import AbstractFlow
 from .._hybrid.guards import guards_of as groups_of, is_idle, select_active
@@ -63,7 +63,7 @@ def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None
         is_plastic=machine.contacts.is_plastic,
         had=jnp.cumsum(jnp.concatenate([jnp.zeros_like(have_event[:1]), have_event]), axis=0),
         before=jnp.concatenate([jnp.zeros_like(count)[None], jax.lax.cummax(have_length)[:-1]]),
-        follows=follower_flags(machine.contacts) if may_have_pairs(machine.contacts) else None,
+        follows=_followers(problem),
     )
 
 
@@ -90,12 +90,17 @@ def with_margins_at_events(problem: Problem, begins: Moment, found: LeastMargins
     return _of_leaders(problem, found)
 
 
-def _of_leaders(problem: Problem, found: LeastMargins) -> LeastMargins:
-    """The margins without those of elements that follow others, see `side_by_side.py`."""
+def _followers(problem: Problem) -> Bool[Array, " guards"] | None:
+    """Flags of the guards of elements that follow others, see `side_by_side.py`; None where there are none."""
     contacts = problem.machine.contacts
-    if not may_have_pairs(contacts):
+    return problem.sequence.for_guards(follower_flags(contacts)) if may_have_pairs(contacts) else None
+
+
+def _of_leaders(problem: Problem, found: LeastMargins) -> LeastMargins:
+    """The margins without those of elements that follow others."""
+    follows = _followers(problem)
+    if follows is None:
         return found
-    follows = problem.sequence.for_guards(follower_flags(contacts))
     names = "gap", "force", "rise"
     return found._replace(**{name: jnp.where(follows, jnp.inf, getattr(found, name)) for name in names})
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import jax
@@ -11,15 +12,7 @@ from .._orbits.sequence import Sequence
 from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
-from .defining_systems import (
-    AbstractCondition,
-    AtEvent,
-    AtGrip,
-    AtMultiplier,
-    AtTurn,
-    DefiningSystem,
-    Plane,
-)
+from .defining_systems import AbstractCondition, AtEvent, AtGrip, AtTurn, DefiningSystem, Plane
 from .degenerate_multiplier import DegenerateMultiplier
 from .kinds import EndKind, Kind
 from .padding import padded, room_for, trimmed
@@ -29,8 +22,9 @@ from .peak_quantities import PeakQuantity
 from .peak_setup import extremes_at, is_at_its_extremes, peak_condition
 from .point import End
 from .requests import KernelCall, Requests, T, location_on, simulation_of
-from .scheduler import answer
+from .scheduler import answer, drive
 from .sequence_edits import in_a_row, passed_section, shifted
+from .singular import distance_of_halves, doubling_of_half
 from .tolerances import (
     CURVE_IS_BACK,
     EXACT,
@@ -147,7 +141,6 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
         peak: the quantity of a peak, or None.
         found: points so far.
         why: reason why the last step was too long.
-        degenerate: test for points at which the multiplier is degenerate.
     """
 
     kind: str
@@ -158,10 +151,11 @@ class Curve(AbstractCurve[CurveState, _CurveStep]):
     peak: PeakQuantity | None = None
     found: list[CurveState] = field(default_factory=list)
     why: str = ""
-    degenerate: DegenerateMultiplier = field(init=False)
 
-    def __post_init__(self):
-        self.degenerate = DegenerateMultiplier(self.kind)
+    @cached_property
+    def degenerate(self) -> DegenerateMultiplier:
+        """Test for points at which the multiplier is degenerate."""
+        return DegenerateMultiplier(self.kind)
 
     @property
     def is_full(self) -> bool:
@@ -273,26 +267,21 @@ def _degenerate_doubling(here: CurveState) -> CurveState | None:
     doublings. So the point is located on that one. None if there is none near.
     """
     family, sequence = here.defining.family, here.sequence
-    num, half = len(sequence.kind) // 2, float(family.num_periods) / 2
+    num, num_periods = len(sequence.kind) // 2, float(family.num_periods)
     place = trimmed(here.at.place, len(sequence.kind))
-    if half % 1 or len(sequence.kind) % 2:
-        return None
-    away = np.abs(np.asarray(_answer(here, location_on(sequence, place, half))) - place.z).max()
+    (away,) = drive([family], [distance_of_halves(num_periods, sequence, place)], lambda: None)
     if not away < HALVES_NEAR:
         return None
-    once, guess = trimmed(sequence, num), trimmed(place, num)
-    borders = np.zeros((2, len(guess.z)), np.result_type(guess.z, np.complex64))
-    condition = AtMultiplier(np.full(1, np.pi, guess.z.dtype), borders)
-    longer, guess = padded(once, (guess,), room_for(num))
-    defining = DefiningSystem(replace(family, num_periods=half), longer, condition)
+    once = trimmed(sequence, num)
+    longer, guess = padded(once, (trimmed(place, num),), room_for(num))
     try:
-        begun = begin_curve(defining, guess)
+        begun = begin_curve(doubling_of_half(family, longer, guess), guess)
     except ValueError:
         return None
     found = _zero_along(begun, DegenerateMultiplier(Kind.PERIOD_DOUBLING), away**2)
     if found is None or np.abs(found.at.place.p - place.p).max() > HALVES_FARTHER * away**2:
         return None
-    twice, place = in_a_row([(once, trimmed(found.at.place, num))] * 2, half)
+    twice, place = in_a_row([(once, trimmed(found.at.place, num))] * 2, num_periods / 2)
     twice, place = padded(twice, (place,), len(here.defining.sequence.kind))
     whole = replace(here.defining, sequence=twice)
     y = np.asarray(whole.unknowns(place))

@@ -92,7 +92,7 @@ class Course(NamedTuple):
         had: number of events that each element has had before each flight, see `elements_of_events`, (events + 1, stops).
         before: number of the last flight before each that has a length, or of the one before it: the events between them
             are at one instant, (events + 1,).
-        follows: flags of the elements that follow others, see `side_by_side.py`, (stops,); None if there are none.
+        follows: flags of the guards of elements that follow others, see `side_by_side.py`; None if there are none.
     """
 
     sequence: CycleEvents
@@ -202,9 +202,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold; between events
     # of one instant it ceases to. Elements that keep each other at rest take over each other's load on a flight, whose mode is
     # that at its end. A follower has no load to hand over.
-    keeps = idle
-    if idle is not None and course.follows is not None:
-        keeps = idle & ~sequence.for_guards(course.follows)
+    keeps = idle if idle is None or course.follows is None else idle & ~course.follows
     is_begun = is_on & is_first & (longest > END_OF_FLIGHT * course.whole)
 
     def of_held() -> _Minima:

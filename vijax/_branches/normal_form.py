@@ -114,7 +114,7 @@ def cubic_coefficient(
     """`NormalForm.coefficient` of a cycle of kind "pd" or "ns", for a family of any number of parameters."""
     returned = yield from _return_map(sequence, place)
     multiplier, q, left = _eigenvectors(returned.matrix, kind, float(family.scale[0]))
-    return float(np.real(np.conj(multiplier) * (yield from _cubic(returned, kind, multiplier, q, left))))
+    return (yield from _cubic(returned, kind, multiplier, q, left))
 
 
 class _ReturnMap(NamedTuple):
@@ -196,7 +196,7 @@ def _normal_form(
     else:
         tangent = yield from _tangent(kind, sequence, place)
         rate = np.conj(multiplier) * (left @ (yield from _second(returned, returned.lifted(q), tangent)))
-        coefficient = np.conj(multiplier) * (yield from _cubic(returned, kind, multiplier, q, left))
+        coefficient = yield from _cubic(returned, kind, multiplier, q, left)
     direction = q * np.asarray(family.scale)
     return NormalForm(
         kind=str(kind),
@@ -236,14 +236,15 @@ def _tangent(kind: str, sequence: Sequence, place: ExtendedCycle) -> Requests[np
 
 def _cubic(
     returned: _ReturnMap, kind: str, multiplier: complex, q: np.ndarray, left: np.ndarray
-) -> Requests[complex]:
-    """Coefficient of the cube on the centre manifold."""
+) -> Requests[float]:
+    """Coefficient of the cube in the normal form."""
     matrix, one = returned.matrix, np.eye(len(q))
     if kind == Kind.NEIMARK_SACKER:
         h = np.linalg.solve(one - matrix, (yield from _bilinear(returned, q, np.conj(q))))
         k = np.linalg.solve(multiplier**2 * one - matrix, (yield from _bilinear(returned, q, q)))
         by_h, by_k = (yield from _bilinear(returned, q, h)), (yield from _bilinear(returned, np.conj(q), k))
-        return complex(left @ ((yield from _trilinear(returned, q)) + 2 * by_h + by_k) / 2)
+        cube = left @ ((yield from _trilinear(returned, q)) + 2 * by_h + by_k) / 2
+        return float(np.real(np.conj(multiplier) * cube))
     square = yield from _bilinear(returned, q, q)
     if kind == Kind.PITCHFORK:
         bordered = np.block([[one - matrix, q[:, None]], [left[None], np.zeros((1, 1))]])
@@ -252,7 +253,8 @@ def _cubic(
         h = np.linalg.solve(one - matrix, square)
     u = returned.lifted(np.real(q))
     cube = yield from returned.third(u, u, u)
-    return complex(left @ (cube + 3 * (yield from _bilinear(returned, q, h))) / 6)
+    cube = left @ (cube + 3 * (yield from _bilinear(returned, q, h))) / 6
+    return float(np.real(np.conj(multiplier) * cube))
 
 
 def _bilinear(returned: _ReturnMap, u: np.ndarray, v: np.ndarray) -> Requests[np.ndarray]:

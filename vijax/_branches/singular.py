@@ -55,13 +55,18 @@ class Doubling(NamedTuple):
     is_likely: Bool[Array, ""]
 
 
-def doubling(family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle) -> Doubling:
-    """The period doubling of a cycle of half as many periods near a guess."""
+def doubling_of_half(family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle) -> DefiningSystem:
+    """Defining system of the period doubling of a cycle of half as many periods."""
     half = replace(family, num_periods=family.num_periods / 2)
     borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))
-    defining = DefiningSystem(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
+    return DefiningSystem(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
+
+
+def doubling(family: ParameterFamily, sequence: Sequence, guess: ExtendedCycle) -> Doubling:
+    """The period doubling of a cycle of half as many periods near a guess."""
+    defining = doubling_of_half(family, sequence, guess)
     solved = solve(defining, defining.unknowns(guess))
-    multipliers = evaluate_at(half, sequence, guess, guess).multipliers
+    multipliers = evaluate_at(defining.family, sequence, guess, guess).multipliers
     is_likely = jnp.min(jnp.abs(multipliers + 1), initial=jnp.inf) < DOUBLING_LIKELY
     return Doubling(defining.place(solved.y)[0], solved.is_found, is_likely)
 
@@ -90,13 +95,18 @@ def branch_point_near(
     return (yield from _point_at(point.sequence, place, point.tangent, arc, Kind.BRANCH_POINT))
 
 
+def distance_of_halves(num_periods: float, sequence: Sequence, place: ExtendedCycle) -> Requests[float]:
+    """Distance of the two halves of a cycle; infinite where periods or events are odd."""
+    if num_periods % 2 or len(sequence.kind) % 2:
+        return np.inf
+    z = yield from ask(location_on(sequence, place, num_periods / 2))
+    return np.abs(z - place.z).max()
+
+
 def end_of_doubled(num_periods: float, point: BranchPoint) -> Requests[BranchPoint | End | None]:
     """The end of a doubled branch at its period doubling, near a point; None if it does not end there."""
     sequence, place, half = point.sequence, point.place, num_periods / 2
-    if num_periods % 2 or len(sequence.kind) % 2:
-        return None
-    z = yield from ask(location_on(sequence, place, half))
-    away = np.abs(z - place.z).max()
+    away = yield from distance_of_halves(num_periods, sequence, place)
     if not away < NEAR:
         return None
     num = len(sequence.kind) // 2
